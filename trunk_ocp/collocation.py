@@ -1,0 +1,122 @@
+"""Direct collocation in Z: the mesh and the Gauss-Legendre element.
+
+On an element [Z_k, Z_k + h] the state is a polynomial of degree d through its value at the
+left edge and d values at the Gauss points, where it satisfies the differential equation.
+This is the Gauss method of d stages (Hairer, Norsett & Wanner, Solving ODEs I, II.7): order
+2d at the element edges, d + 1 inside, and exact in quadratic invariants such as |q|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from .anatomy import Trunk
+from .errors import InputError
+
+
+@dataclass(frozen=True)
+class Gauss:
+    """Matrices of one element of degree d on the unit interval.
+
+    Attributes
+    ----------
+    nodes : (d,)
+        Gauss points in (0, 1).
+    derivative : (d, d + 1)
+        Derivative at the Gauss points from the values at 0 and at the Gauss points.
+    """
+
+    degree: int
+    nodes: np.ndarray
+    derivative: np.ndarray
+
+    def value(self, tau: np.ndarray | float) -> np.ndarray:
+        """Weights (..., d + 1) that give a state at tau from its values at 0 and the nodes."""
+        return _evaluate(_lagrange(np.concatenate([[0.0], self.nodes])), tau)
+
+    def integral(self, tau: np.ndarray | float) -> np.ndarray:
+        """Weights (..., d) that give a quadrature over [0, tau] from rates at the nodes."""
+        return _evaluate([basis.integ() for basis in _lagrange(self.nodes)], tau)
+
+
+@cache
+def gauss(degree: int) -> Gauss:
+    """The element of a degree from 1 to 12 (beyond, monomials lose digits)."""
+    if not 1 <= degree <= 12:
+        raise InputError(f"degree = {degree}: expected a whole number from 1 to 12.")
+    nodes = (1 + np.polynomial.legendre.leggauss(degree)[0]) / 2
+    bases = _lagrange(np.concatenate([[0.0], nodes]))
+    derivative = _evaluate([basis.deriv() for basis in bases], nodes)
+    return Gauss(degree, nodes, derivative)
+
+
+def _lagrange(nodes: np.ndarray) -> list[Polynomial]:
+    """Lagrange basis on `nodes`."""
+    return [
+        Polynomial.fromroots(np.delete(nodes, i)) / np.prod(nodes[i] - np.delete(nodes, i))
+        if nodes.size > 1
+        else Polynomial([1.0])
+        for i in range(nodes.size)
+    ]
+
+
+def _evaluate(polynomials: list[Polynomial], tau: np.ndarray | float) -> np.ndarray:
+    return np.stack([p(np.asarray(tau, dtype=float)) for p in polynomials], axis=-1)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Elements along the trunk: `edges` (elements + 1) in m from 0 to L, and their degree."""
+
+    edges: tuple[float, ...]
+    degree: int
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return len(self.edges) - 1
+
+    @cached_property
+    def widths(self) -> np.ndarray:
+        """Element lengths (elements,) in m."""
+        return np.diff(self.edges)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """Collocation points (elements, degree) in m."""
+        return np.asarray(self.edges[:-1])[:, None] + np.outer(self.widths, gauss(self.degree).nodes)
+
+    def locate(self, Z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Element that holds Z and the position tau in [0, 1] in it; an edge ends its element."""
+        Z = np.asarray(Z, dtype=float)
+        element = np.searchsorted(np.asarray(self.edges[1:-1]), Z, side="left")
+        return element, (Z - np.asarray(self.edges)[element]) / self.widths[element]
+
+
+def mesh_for(
+    trunk: Trunk, contact_from: float | None = None, elements: int = 6, degree: int = 6
+) -> Mesh:
+    """Mesh with an edge on every jump: segment ends and the start of contact Z_w.
+
+    About `elements` elements are shared out so that each spans an equal length measured in
+    local radii, the scale on which a tapered trunk bends; a stretch between two jumps has at
+    least one.
+    """
+    jumps = sorted({*trunk.edges, *([] if contact_from is None else [contact_from])})
+    k = trunk.taper_rate
+
+    def in_radii(Z: np.ndarray) -> np.ndarray:
+        return -np.log1p(-k * Z) / k if k > 0 else Z
+
+    reach = in_radii(np.asarray(jumps))
+    edges = [0.0]
+    for start, end, jump in zip(reach[:-1], reach[1:], jumps[1:], strict=True):
+        pieces = max(1, round(elements * (end - start) / reach[-1]))
+        inner = np.linspace(start, end, pieces + 1)[1:]
+        edges += list(-np.expm1(-k * inner) / k if k > 0 else inner)
+        edges[-1] = jump  # itself, not its round trip
+    return Mesh(tuple(float(edge) for edge in edges), degree)

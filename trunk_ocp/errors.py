@@ -1,0 +1,29 @@
+"""What can go wrong, each with a message that a user can act on."""
+
+from __future__ import annotations
+
+
+class TrunkError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+class InputError(TrunkError):
+    """A file or an argument is not what was expected; nothing was computed."""
+
+
+class StaticsError(TrunkError):
+    """No equilibrium was found for a given activation and load.
+
+    Attributes
+    ----------
+    load_fraction : float
+        Largest fraction of the load for which an equilibrium was reached.
+    """
+
+    def __init__(self, message: str, load_fraction: float) -> None:
+        super().__init__(message)
+        self.load_fraction = load_fraction
+
+
+class SolverMissingError(TrunkError):
+    """The requested linear solver is not part of this installation."""

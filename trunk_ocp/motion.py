@@ -1,0 +1,387 @@
+"""What a motion is: time steps with targets, loads and bounds (section 5, appendix B)."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .anatomy import Trunk, load_anatomy
+from .errors import InputError
+from .loads import Loads, Vector
+from .problem_file import (
+    ChangeSpec,
+    HeldSpec,
+    LimitsSpec,
+    LoadsSpec,
+    PhaseSpec,
+    ProblemSpec,
+    TargetSpec,
+    WrapSpec,
+)
+from .reading import read_toml, shipped
+from .statics import solve_statics
+
+HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
+
+
+@dataclass(frozen=True)
+class Held:
+    """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
+
+    step: int
+    Z: float
+    director: int
+
+
+Direction = Vector | Held
+
+
+@dataclass(frozen=True)
+class Target:
+    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights."""
+
+    Z: float
+    position: Vector | None
+    position_weight: float
+    directions: tuple[Direction | None, Direction | None, Direction | None]
+    direction_weights: Vector
+
+    def pairs(self) -> list[tuple[int, Direction, float]]:
+        """The directors that count: (index, desired direction, weight)."""
+        return [
+            (j, d, w)
+            for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
+            if d is not None and w > 0
+        ]
+
+
+@dataclass(frozen=True)
+class Box:
+    """Lower and upper bounds on the unknowns x = (activations, psi_Z, psi_Y) of a step."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def around(self, x: np.ndarray, radius: np.ndarray) -> Box:
+        """This box cut to x +- radius."""
+        return Box(np.maximum(self.lower, x - radius), np.minimum(self.upper, x + radius))
+
+
+@dataclass(frozen=True)
+class Auxiliary:
+    """How far the loaded optimum may be from the unloaded one (appendix B.1-B.2); inf: free."""
+
+    activation_deviation: float
+    head_deviation: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """One time step T: when, what is asked, what loads act, what is allowed.
+
+    `pull` adds a force (N) along a held direction to the loads. `box` bounds the unknowns,
+    `change` their difference from the step before.
+    """
+
+    time: float
+    duration: float
+    phase: int
+    targets: tuple[Target, ...]
+    loads: Loads
+    pull: tuple[float, Held] | None
+    box: Box
+    change: Box
+    auxiliary: Auxiliary | None
+
+
+@dataclass(frozen=True)
+class Phase:
+    """Name, end time (s) and interpolation of a phase."""
+
+    name: str
+    end: float
+    interpolation: str
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion to plan. Time step 0 is the passive trunk: x = 0 under weight alone."""
+
+    name: str
+    title: str
+    trunk: Trunk
+    gravity: float
+    phases: tuple[Phase, ...]
+    steps: tuple[Step, ...]
+    extension: tuple[float, float]
+    activation_box: Box
+    """Bounds of the whole motion, that phases narrow."""
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of steps 1, 2, ... in s."""
+        return np.array([step.time for step in self.steps])
+
+    @property
+    def contact_from(self) -> float | None:
+        """Start of contact Z_w in m, where any step has contact."""
+        return next((s.loads.contact_from for s in self.steps if s.loads.contact_from), None)
+
+
+def problems_folder() -> Path:
+    """Folder of the shipped problem files: inside the installed package, or beside it."""
+    package = Path(__file__).parent
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def load_motion(name_or_path: str | Path) -> Motion:
+    """Read a motion: a shipped name ("pick-fruit") or a path to a problem file.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or if the file is faulty; names file, key, value, expectation.
+    """
+    path = shipped(str(name_or_path), problems_folder())
+    spec = read_toml(path, ProblemSpec)
+    beside = path.parent / spec.anatomy
+    trunk = load_anatomy(beside if beside.is_file() else spec.anatomy)
+    try:
+        return build_motion(spec, trunk)
+    except InputError as error:
+        raise InputError(f"{path}:\n  {error}") from None
+
+
+def build_motion(spec: ProblemSpec, trunk: Trunk) -> Motion:
+    """Turn a validated problem file into a motion of a given trunk.
+
+    Raises
+    ------
+    InputError
+        For what only trunk and file together show: unknown muscles, points off the trunk,
+        directions held from a step that is not earlier.
+    """
+    passive_tip = np.zeros(3)
+    if any(part.origin == "passive-tip" for p in spec.phases for part in (*p.targets, p.wrap) if part):
+        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(spec.gravity))
+        passive_tip = rest.position(np.array([trunk.length]))[0]
+    origins = {"base": np.zeros(3), "passive-tip": passive_tip}
+    whole = _box(trunk, spec.bounds, None, "bounds")
+    steps: list[Step] = []
+    phases: list[Phase] = []
+    start = 0.0
+    for number, phase in enumerate(spec.phases):
+        where = f"phases[{number + 1}]"
+        box = _box(trunk, phase.bounds, whole, f"{where}.bounds")
+        for i in range(1, phase.steps + 1):
+            first = len(steps)
+            steps.append(
+                Step(
+                    time=start + phase.duration * i / phase.steps,
+                    duration=phase.duration / phase.steps,
+                    phase=number,
+                    targets=_targets(phase, i, trunk, origins, first, where),
+                    loads=_loads(phase.loads, spec.gravity, trunk, where),
+                    pull=_pull(phase.loads, i / phase.steps, trunk, first, where),
+                    box=box,
+                    change=_change(phase.change, i, len(trunk.muscles)),
+                    auxiliary=_auxiliary(phase),
+                )
+            )
+        start += phase.duration
+        phases.append(Phase(phase.name, start, phase.interpolation))
+    _one_contact(steps)
+    return Motion(
+        spec.name,
+        spec.title or spec.name,
+        trunk,
+        spec.gravity,
+        tuple(phases),
+        tuple(steps),
+        spec.bounds.extension,
+        whole,
+    )
+
+
+def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
+    """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
+    count = len(trunk.muscles)
+    if outer is None:
+        lower = np.concatenate([np.zeros(count), [-HEAD_LIMIT, -HEAD_LIMIT]])
+        upper = -lower
+    else:
+        lower, upper = outer.lower.copy(), outer.upper.copy()
+    if spec.activation is not None:
+        lower[:count], upper[:count] = spec.activation
+    for pattern, pair in spec.muscles.items():
+        matching = [i for i, name in enumerate(trunk.muscles) if fnmatch.fnmatchcase(name, pattern)]
+        if not matching:
+            raise InputError(
+                f'{where}.muscles."{pattern}": no such muscle; expected a name or pattern of '
+                f"{', '.join(trunk.muscles)}."
+            )
+        lower[matching], upper[matching] = pair
+    for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
+        if pair is not None:
+            lower[index], upper[index] = np.radians(pair)
+    return Box(lower, upper)
+
+
+def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Box:
+    """Bounds on the change to step i of a phase; later entries prevail."""
+    upper = np.full(count + 2, np.inf)
+    lower = -upper
+    for spec in specs:
+        if spec.steps is not None and not spec.steps[0] <= i <= spec.steps[1]:
+            continue
+        if spec.activation is not None:
+            lower[:count], upper[:count] = -spec.activation, spec.activation
+        for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
+            if pair is not None:
+                lower[index], upper[index] = np.radians(pair)
+    return Box(lower, upper)
+
+
+def _auxiliary(phase: PhaseSpec) -> Auxiliary | None:
+    spec = phase.auxiliary
+    if spec is None:
+        return None
+    activation, head = spec.activation_deviation, spec.head_deviation_deg
+    return Auxiliary(
+        math.inf if activation is None else activation,
+        math.inf if head is None else math.radians(head),
+    )
+
+
+def _targets(
+    phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+) -> tuple[Target, ...]:
+    """Targets of step i of a phase, with numbers in place of paths and arcs."""
+    targets = [
+        _point(spec, i / phase.steps, trunk, origins, step, f"{where}.targets[{n}]")
+        for n, spec in enumerate(phase.targets, 1)
+    ]
+    if phase.wrap is not None:
+        _check_on_trunk(phase.wrap.Z[1], trunk, f"{where}.wrap.Z")
+        targets += _arc(phase.wrap, i / phase.steps, trunk, origins)
+    return tuple(targets)
+
+
+def _point(
+    spec: TargetSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+) -> Target:
+    _check_on_trunk(spec.Z, trunk, f"{where}.Z")
+    position = None
+    if spec.path is not None:
+        position = _vector(origins[spec.origin] + _bezier(spec.path, t))
+    elif spec.position is not None:
+        position = _vector(origins[spec.origin] + np.asarray(spec.position))
+    directions: list[Direction | None] = []
+    for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
+        if isinstance(wanted, HeldSpec):
+            _check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
+            directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
+        else:
+            directions.append(None if wanted is None else _vector(_unit(np.asarray(wanted))))
+    weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
+    return Target(
+        spec.Z,
+        position,
+        spec.position_weight,
+        (directions[0], directions[1], directions[2]),
+        weights,
+    )
+
+
+def _arc(
+    spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]
+) -> list[Target]:
+    """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
+    center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
+    Z = np.linspace(*spec.Z, spec.points)
+    theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
+    theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
+    distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
+    points = origins[spec.origin] + center + distance[:, None] * np.stack(
+        [np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1
+    )
+    chords = np.diff(points, axis=0)
+    return [
+        Target(
+            float(Z[p]),
+            _vector(points[p]),
+            spec.position_weights[p],
+            (None, None, _vector(_unit(chords[p]))),
+            (0.0, 0.0, spec.d3_weights[p]),
+        )
+        for p in range(spec.points)
+    ]
+
+
+def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
+    """Loads of a phase; a log's weight and couple follow from its size (eq. 54)."""
+    tip = np.asarray(spec.tip_force) + np.array([0.0, 0, spec.tip_mass * gravity])
+    contact_from, force, couple = spec.contact_from, spec.contact_force, spec.contact_couple
+    if spec.log is not None:
+        log = spec.log
+        weight = math.pi * log.radius**2 * log.length * log.density * gravity
+        contact_from, force = log.contact_from, (0.0, 0.0, weight)
+        couple = (-log.offset * weight, 0.0, 0.0)
+    if contact_from is not None and not contact_from < trunk.length:
+        raise InputError(
+            f"{where}.loads: contact_from = {contact_from:g}: expected less than the trunk's "
+            f"length, {trunk.length:g} m."
+        )
+    return Loads(gravity, _vector(tip), contact_from, force, couple)
+
+
+def _pull(
+    spec: LoadsSpec, t: float, trunk: Trunk, step: int, where: str
+) -> tuple[float, Held] | None:
+    if spec.pull is None:
+        return None
+    pull = spec.pull
+    _check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
+    held = Held(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
+    return pull.force * (t if pull.ramp else 1.0), held
+
+
+def _one_contact(steps: list[Step]) -> None:
+    starts = {step.loads.contact_from for step in steps} - {None}
+    if len(starts) > 1:
+        raise InputError(
+            f"phases: contact starts at {sorted(starts, key=str)} m in different phases; expected "
+            "one place for the whole motion."
+        )
+
+
+def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
+    if not 0 <= Z <= trunk.length:
+        raise InputError(f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m.")
+
+
+def _check_earlier(number: int, step: int, where: str) -> None:
+    if number > step:
+        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {step}.")
+
+
+def _bezier(points: Any, t: float) -> np.ndarray:
+    """Point of a Bezier curve (eq. 53, whose first coefficient must read (1 - t)^2)."""
+    layer = np.asarray(points, dtype=float)
+    while len(layer) > 1:  # de Casteljau
+        layer = (1 - t) * layer[:-1] + t * layer[1:]
+    return layer[0]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def _vector(v: np.ndarray) -> Vector:
+    return (float(v[0]), float(v[1]), float(v[2]))

@@ -1,0 +1,235 @@
+"""The format of a problem file: what a user may write to declare a motion.
+
+Angles are in degrees and say so in their names; everything else is SI, in space axes, with
++Z pointing down. `motion.py` turns a validated file into numbers; the JSON Schema for
+editors is made from these classes.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+
+from .reading import Strict
+
+Vec3 = tuple[float, float, float]
+Interpolation = Literal["cosine", "hermite", "none"]
+Origin = Literal["base", "passive-tip"]
+NonNegative = Annotated[float, Field(ge=0)]
+Pair = tuple[float, float]
+
+
+class HeldSpec(Strict):
+    """A direction taken from the motion itself: the one that time step `step` reaches."""
+
+    held_from_step: Annotated[PositiveInt, Field(description="time step, counted from 1")]
+
+
+Direction = Vec3 | HeldSpec
+
+
+class TargetSpec(Strict):
+    """Where one point of the trunk should be, and which way it should face (eq. 41)."""
+
+    Z: Annotated[NonNegative, Field(description="point of the trunk, m from the base")]
+    position: Vec3 | None = None
+    path: Annotated[
+        tuple[Vec3, ...] | None,
+        Field(min_length=2, description="Bezier control points; followed over the phase (eq. 53)"),
+    ] = None
+    origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
+    position_weight: NonNegative = 1.0
+    d1: Direction | None = None
+    d2: Direction | None = None
+    d3: Direction | None = None
+    d1_weight: NonNegative = 1.0
+    d2_weight: NonNegative = 1.0
+    d3_weight: NonNegative = 1.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TargetSpec:
+        if self.position is not None and self.path is not None:
+            raise ValueError("a target has a position or a path, not both")
+        if all(v is None for v in (self.position, self.path, self.d1, self.d2, self.d3)):
+            raise ValueError("a target needs a position, a path or a direction d1, d2, d3")
+        for name in ("d1", "d2", "d3"):
+            if getattr(self, name) == (0.0, 0.0, 0.0):
+                raise ValueError(f"{name} must not be the zero vector")
+        return self
+
+
+class WrapSpec(Strict):
+    """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
+
+    Z: Annotated[Pair, Field(description="first and last point of the trunk that wraps, m")]
+    points: Annotated[int, Field(ge=2)] = 6
+    log_radius: PositiveFloat
+    angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
+    center: Vec3 | None = None
+    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2)] = None
+    origin: Origin = "base"
+    position_weights: tuple[NonNegative, ...]
+    d3_weights: tuple[NonNegative, ...]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> WrapSpec:
+        if (self.center is None) == (self.path is None):
+            raise ValueError("a wrap has either a center or a path of the center")
+        if not self.Z[0] < self.Z[1]:
+            raise ValueError(f"Z must increase, it is [{self.Z[0]:g}, {self.Z[1]:g}]")
+        for name in ("position_weights", "d3_weights"):
+            count = len(getattr(self, name))
+            if count != self.points:
+                raise ValueError(f"{name} must have one entry for each of {self.points} points")
+        return self
+
+
+class PullSpec(Strict):
+    """A tip force along a director that an earlier step reached (eq. 44)."""
+
+    force: Annotated[float, Field(description="N, at the last step of the phase")]
+    along: Literal["d1", "d2", "d3"] = "d3"
+    held_from_step: PositiveInt
+    ramp: Annotated[bool, Field(description="grow in equal parts over the phase's steps")] = True
+
+
+class LogSpec(Strict):
+    """A cylinder that the trunk carries (eqs. 12, 13, 54)."""
+
+    contact_from: Annotated[NonNegative, Field(description="Z_w in m")]
+    radius: PositiveFloat
+    length: PositiveFloat
+    density: PositiveFloat
+    offset: Annotated[float, Field(description="grip to the log's middle along e_Y, m")] = 0.0
+
+
+class LoadsSpec(Strict):
+    """Loads besides the trunk's own weight, during one phase."""
+
+    tip_force: Vec3 = (0.0, 0.0, 0.0)
+    tip_mass: NonNegative = 0.0
+    pull: PullSpec | None = None
+    contact_from: NonNegative | None = None
+    contact_force: Vec3 = (0.0, 0.0, 0.0)
+    contact_couple: Vec3 = (0.0, 0.0, 0.0)
+    log: LogSpec | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> LoadsSpec:
+        contact = any((*self.contact_force, *self.contact_couple))
+        if self.log is not None and (contact or self.contact_from is not None):
+            raise ValueError("give either a log or contact_from, contact_force, contact_couple")
+        if contact and self.contact_from is None:
+            raise ValueError("contact_force and contact_couple need contact_from")
+        return self
+
+
+class LimitsSpec(Strict):
+    """Bounds of one phase; what is left out is as in the motion's [bounds]."""
+
+    activation: Pair | None = None
+    muscles: Annotated[
+        dict[str, Pair],
+        Field(description="by name or pattern (R1-dl, *3-dl, L*); later ones prevail"),
+    ] = {}
+    head_z_deg: Pair | None = None
+    head_y_deg: Pair | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LimitsSpec:
+        pairs = {name: getattr(self, name) for name in ("activation", "head_z_deg", "head_y_deg")}
+        pairs |= {f'muscles."{name}"': pair for name, pair in self.muscles.items()}
+        for name, pair in pairs.items():
+            if pair is not None and not pair[0] <= pair[1]:
+                raise ValueError(
+                    f"{name} = [{pair[0]:g}, {pair[1]:g}]: the lower bound is above the upper"
+                )
+        return self
+
+
+class BoundsSpec(LimitsSpec):
+    """Bounds of the whole motion."""
+
+    activation: Pair
+    extension: Annotated[Pair, Field(description="of the activated trunk (eq. 42)")]
+
+    @model_validator(mode="after")
+    def _extension(self) -> BoundsSpec:
+        low, high = self.extension
+        if not 0 < low <= high:
+            raise ValueError(f"extension = [{low:g}, {high:g}]: expected 0 < lower <= upper")
+        return self
+
+
+class ChangeSpec(Strict):
+    """Bounds on the change from one time step to the next (appendix B)."""
+
+    steps: Annotated[
+        tuple[PositiveInt, PositiveInt] | None,
+        Field(description="first and last step of this phase they hold for; default: all"),
+    ] = None
+    activation: NonNegative | None = None
+    head_z_deg: Pair | None = None
+    head_y_deg: Pair | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ChangeSpec:
+        for name in ("head_z_deg", "head_y_deg"):
+            pair = getattr(self, name)
+            if pair is not None and not pair[0] <= pair[1]:
+                raise ValueError(
+                    f"{name} = [{pair[0]:g}, {pair[1]:g}]: the lower bound is above the upper"
+                )
+        return self
+
+
+class AuxiliarySpec(Strict):
+    """Sequential solve only: first solve the step without loads (appendix B).
+
+    The unloaded optimum is where the loaded one starts and, with a deviation, what it must
+    stay near.
+    """
+
+    activation_deviation: NonNegative | None = None
+    head_deviation_deg: NonNegative | None = None
+
+
+class PhaseSpec(Strict):
+    """A stretch of the motion with one kind of target, load and bound."""
+
+    name: str
+    duration: PositiveFloat
+    steps: PositiveInt = 1
+    interpolation: Interpolation = "cosine"
+    targets: tuple[TargetSpec, ...] = ()
+    wrap: WrapSpec | None = None
+    loads: LoadsSpec = LoadsSpec()
+    bounds: LimitsSpec = LimitsSpec()
+    change: tuple[ChangeSpec, ...] = ()
+    auxiliary: AuxiliarySpec | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> PhaseSpec:
+        if not self.targets and self.wrap is None:
+            raise ValueError("a phase needs targets or a wrap")
+        for change in self.change:
+            first, last = change.steps or (1, self.steps)
+            if not first <= last <= self.steps:
+                raise ValueError(
+                    f"change.steps = [{first}, {last}]: this phase has steps 1 to {self.steps}"
+                )
+        return self
+
+
+class ProblemSpec(Strict):
+    """A whole problem file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    title: str = ""
+    anatomy: Annotated[str, Field(description="shipped name, or a path from this file")] = (
+        "asian-elephant"
+    )
+    gravity: float = 9.8
+    bounds: BoundsSpec
+    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1)]

@@ -1,0 +1,236 @@
+"""Partially separable programmes: exact sparse derivatives from small repeated functions.
+
+Objective and constraints are stacked as one map, row 0 the objective,
+
+    F(x; p) = C x + sum over terms of  S @ vec(y_1, ..., y_N),   y_i = phi(x[v_i], p_i),
+
+with a constant sparse C and, for each term, one small function phi evaluated at N places
+(Griewank & Toint 1982, partially separable functions). The derivatives of F are those of
+phi, gathered and added up by constant sparse matrices; the expression graph stays a few
+nodes long whatever the number of places, so building it takes milliseconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+
+@dataclass(frozen=True)
+class Term:
+    """One small function at many places.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        SX function (w (n,), p (k,)) -> y (m,).
+    variables : (n, N) int
+        Indices of w in x, place by place; no index twice in a column.
+    scatter : (rows, m N) sparse
+        S above; the column of output r at place i is r + m i.
+    parameters : (k, N)
+        Values of p, place by place.
+    """
+
+    function: ca.Function
+    variables: np.ndarray
+    scatter: sp.csr_matrix
+    parameters: np.ndarray
+
+    @property
+    def places(self) -> int:
+        """Number N of places."""
+        return self.variables.shape[1]
+
+
+@dataclass(frozen=True)
+class Programme:
+    """A nonlinear programme: minimise F[0] subject to bounds on x and on g = F[1:].
+
+    `linear` is C, (1 + constraints, variables). Parameter values are not part of the
+    structure: every solve brings its own, in the order of `parameters`.
+    """
+
+    linear: sp.csr_matrix
+    terms: tuple[Term, ...]
+
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """Parameter values of all terms as one vector."""
+        return np.concatenate([term.parameters.ravel(order="F") for term in self.terms])
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Numbers of variables and of constraints."""
+        return self.linear.shape[1], self.linear.shape[0] - 1
+
+    def nlp(self) -> dict[str, ca.MX]:
+        """Problem in CasADi's form, x, p, f, g."""
+        x, p, places = self._inputs()
+        F = _times(self.linear, x)
+        for term, (w, q) in zip(self.terms, places, strict=True):
+            F += _times(term.scatter, ca.vec(term.function.map(term.places)(w, q)))
+        return {"x": x, "p": p, "f": F[0], "g": F[1:]}
+
+    def derivatives(self) -> dict[str, ca.Function]:
+        """Exact first and second derivatives, in the form that `nlpsol` takes as options."""
+        x, p, places = self._inputs()
+        problem = self.nlp()
+        value = ca.Function("value", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
+        f, g = value(x, p)
+        gradient, jacobian = self._first(x, places)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.size[1])
+        hessian = self._second(ca.vertcat(lam_f, lam_g), places)
+        names = ["x", "p", "lam_f", "lam_g"]
+        return {
+            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], names[:2], ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], names[:2], ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l", [x, p, lam_f, lam_g], [hessian], names, ["triu_hess_gamma_x_x"]
+            ),
+        }
+
+    def _inputs(self) -> tuple[ca.MX, ca.MX, list[tuple[ca.MX, ca.MX]]]:
+        """Symbols x and p, and each term's inputs gathered from them."""
+        x, p = ca.MX.sym("x", self.size[0]), ca.MX.sym("p", self.parameters.size)
+        places, start = [], 0
+        for term in self.terms:
+            w = ca.reshape(x[term.variables.ravel(order="F").tolist()], *term.variables.shape)
+            stop = start + term.parameters.size
+            places.append((w, ca.reshape(p[start:stop], *term.parameters.shape)))
+            start = stop
+        return x, p, places
+
+    def _first(
+        self, x: ca.MX, places: list[tuple[ca.MX, ca.MX]]
+    ) -> tuple[ca.MX, ca.MX]:
+        """Gradient of the objective (dense) and Jacobian of the constraints (sparse)."""
+        gather = _Gather(self.linear.shape)
+        gather.add_constant(self.linear)
+        sources = []
+        for term, (w, q) in zip(self.terms, places, strict=True):
+            jacobian, row, column = _jacobian(term.function)
+            outputs, count = term.function.size1_out(0), term.places
+            place = np.repeat(np.arange(count), row.size)
+            output = np.tile(row, count) + outputs * place
+            variable = term.variables[np.tile(column, count), place]
+            spread = sp.coo_matrix(term.scatter[:, output])
+            gather.add(spread.row, variable[spread.col], spread.data, spread.col)
+            gather.next_source(row.size * count)
+            sources.append(ca.vec(jacobian.map(count)(w, q)))
+        return gather.split_first(sources)
+
+    def _second(self, lam: ca.MX, places: list[tuple[ca.MX, ca.MX]]) -> ca.MX:
+        """Upper triangle of the Hessian of lam . F."""
+        n = self.size[0]
+        gather = _Gather((n, n))
+        sources = []
+        for term, (w, q) in zip(self.terms, places, strict=True):
+            hessian, row, column = _hessian(term.function)
+            count, outputs = term.places, term.function.size1_out(0)
+            place = np.repeat(np.arange(count), row.size)
+            first = term.variables[np.tile(row, count), place]
+            second = term.variables[np.tile(column, count), place]
+            source = np.arange(row.size * count)
+            gather.add(np.minimum(first, second), np.maximum(first, second), None, source)
+            gather.next_source(source.size)
+            mu = ca.reshape(_times(term.scatter.T.tocsr(), lam), outputs, count)
+            sources.append(ca.vec(hessian.map(count)(w, q, mu)))
+        return gather.matrix(sources)
+
+
+class _Gather:
+    """Adds the entries of many small matrices into one large sparse matrix."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self.shape = shape
+        self.entries: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+        self.constant = sp.coo_matrix(shape)
+        self.offset = 0
+
+    def add_constant(self, matrix: sp.csr_matrix) -> None:
+        self.constant = sp.coo_matrix(matrix)
+
+    def add(
+        self, row: np.ndarray, column: np.ndarray, data: np.ndarray | None, source: np.ndarray
+    ) -> None:
+        values = np.ones(row.size) if data is None else data
+        self.entries.append((row, column, values, source + self.offset))
+
+    def next_source(self, size: int) -> None:
+        self.offset += size
+
+    def _assemble(self, keep: slice) -> tuple[ca.Sparsity, np.ndarray, sp.csr_matrix]:
+        """Pattern, constant values, and map from source values to nonzeros, of some rows."""
+        row = np.concatenate([self.constant.row, *(e[0] for e in self.entries)])
+        column = np.concatenate([self.constant.col, *(e[1] for e in self.entries)])
+        data = np.concatenate([self.constant.data, *(e[2] for e in self.entries)])
+        source = np.concatenate(
+            [np.full(self.constant.nnz, -1), *(e[3] for e in self.entries)]
+        ).astype(int)
+        first, last, _ = keep.indices(self.shape[0])
+        inside = (row >= first) & (row < last)
+        row, column, data, source = (a[inside] for a in (row, column, data, source))
+        rows = last - first
+        key = column.astype(np.int64) * rows + (row - first)  # column-major, as CasADi stores
+        unique, position = np.unique(key, return_inverse=True)
+        pattern = ca.Sparsity.triplet(
+            rows, self.shape[1], (unique % rows).tolist(), (unique // rows).tolist()
+        )
+        fixed = source < 0
+        constant = np.bincount(position[fixed], data[fixed], unique.size)
+        spread = sp.csr_matrix(
+            (data[~fixed], (position[~fixed], source[~fixed])), (unique.size, self.offset)
+        )
+        return pattern, constant, spread
+
+    def matrix(self, sources: list[ca.MX], keep: slice = slice(None)) -> ca.MX:
+        pattern, constant, spread = self._assemble(keep)
+        return ca.MX(pattern, ca.DM(constant) + _times(spread, ca.vertcat(*sources)))
+
+    def split_first(self, sources: list[ca.MX]) -> tuple[ca.MX, ca.MX]:
+        """Row 0 as a dense column, and the other rows."""
+        gradient = ca.densify(self.matrix(sources, slice(0, 1)).T)
+        return gradient, self.matrix(sources, slice(1, None))
+
+
+def _times(matrix: sp.csr_matrix, vector: ca.MX) -> ca.MX:
+    """Constant sparse matrix times a dense column."""
+    compressed = sp.csc_matrix(matrix)
+    compressed.sort_indices()
+    pattern = ca.Sparsity(
+        *compressed.shape, compressed.indptr.tolist(), compressed.indices.tolist()
+    )
+    return ca.densify(ca.mtimes(ca.DM(pattern, compressed.data), vector))
+
+
+def _symbols(function: ca.Function) -> tuple[ca.SX, ca.SX, ca.SX]:
+    w = ca.SX.sym("w", function.size1_in(0))
+    p = ca.SX.sym("p", function.size1_in(1))
+    return w, p, function(w, p)
+
+
+def _jacobian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+    """Nonzeros of dy/dw as one column, with their rows and columns."""
+    w, p, y = _symbols(function)
+    return _nonzeros("jacobian", [w, p], ca.jacobian(y, w))
+
+
+def _hessian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+    """Nonzeros of the upper triangle of the Hessian of mu . y as one column."""
+    w, p, y = _symbols(function)
+    mu = ca.SX.sym("mu", y.size1())
+    return _nonzeros("hessian", [w, p, mu], ca.triu(ca.hessian(ca.dot(mu, y), w)[0]))
+
+
+def _nonzeros(
+    name: str, inputs: list[ca.SX], matrix: Any
+) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+    row, column = matrix.sparsity().get_triplet()
+    nonzeros = ca.vertcat(*matrix.nonzeros()) if matrix.nnz() else ca.SX(0, 1)
+    return ca.Function(name, inputs, [nonzeros]), np.array(row, int), np.array(column, int)

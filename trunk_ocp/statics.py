@@ -1,0 +1,306 @@
+"""The forward problem: the equilibrium shape of an activated, loaded trunk.
+
+Newton's method on the collocation equations of `collocation`, for one shape or many at
+once. Each element is condensed onto the state at its left edge; chained from base to tip
+that leaves the three components of m(0), fixed by m(L) = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from .activation import mean_extension, segment_at, strains
+from .anatomy import Trunk, check_activation
+from .collocation import Mesh, gauss, mesh_for
+from .errors import InputError, StaticsError
+from .head import base_pose
+from .loads import Loads
+from .rod import STATES, point_parameters, rates
+from .rotations import directors
+from .unloaded import unloaded_states
+
+MAX_ITERATIONS = 30
+TOLERANCE = 1e-9  # on the last Newton step, relative; the error after it is its square
+SMALLEST_LOAD_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Equilibrium shapes of a trunk, with any leading batch axes (...).
+
+    Positions are in m and space axes, moments in N m and in the directors.
+    """
+
+    trunk: Trunk
+    mesh: Mesh
+    states: np.ndarray
+    """(..., elements, degree + 1, 7): q and m at each element's left edge and Gauss points."""
+    edges: np.ndarray
+    """(..., elements + 1, 3): centerline at the element edges."""
+    slopes: np.ndarray
+    """(..., elements, degree, 3): dr/dZ at the Gauss points."""
+
+    def position(self, Z: np.ndarray) -> np.ndarray:
+        """Centerline r(Z), (..., n, 3) m, at points Z (n,) in m."""
+        element, tau = self._locate(Z)
+        weights = gauss(self.mesh.degree).integral(tau) * self.mesh.widths[element, None]
+        inside = np.einsum("nd,...ndc->...nc", weights, self.slopes[..., element, :, :])
+        return self.edges[..., element, :] + inside
+
+    def directors(self, Z: np.ndarray) -> np.ndarray:
+        """Directors, (..., n, 3, 3): row i is d_i in space axes."""
+        q = self.state(Z)[..., :4]
+        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+        rows = directors(tuple(np.moveaxis(q, -1, 0)))
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    def moment(self, Z: np.ndarray) -> np.ndarray:
+        """Internal moment m(Z), (..., n, 3) N m, in the directors."""
+        return self.state(Z)[..., 4:]
+
+    def state(self, Z: np.ndarray) -> np.ndarray:
+        """State (q, m) at points Z, (..., n, 7); |q| = 1 to collocation accuracy."""
+        element, tau = self._locate(Z)
+        weights = gauss(self.mesh.degree).value(tau)
+        return np.einsum("nd,...ndx->...nx", weights, self.states[..., element, :, :])
+
+    def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        Z = np.atleast_1d(np.asarray(Z, dtype=float))
+        outside = Z[~((Z >= 0) & (Z <= self.trunk.length))]
+        if outside.size:
+            raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {self.trunk.length:g} m.")
+        return self.mesh.locate(Z)
+
+
+def solve_statics(
+    trunk: Trunk,
+    activation: np.ndarray,
+    head: np.ndarray | tuple[float, float] = (0.0, 0.0),
+    loads: Loads | Sequence[Loads] | None = None,
+    mesh: Mesh | None = None,
+) -> Shape:
+    """Equilibrium shape under activation and loads (eqs. 14, 15).
+
+    Starts from the unloaded shape, which is known in closed form. Where Newton's method
+    does not get from there to the full load, the load is raised in steps.
+
+    Parameters
+    ----------
+    activation : (..., muscles)
+        Negative values contract. Leading axes make a batch.
+    head : (..., 2)
+        psi_Z, psi_Y in radians.
+    loads : Loads or one for each shape of the batch
+        Default: weight alone.
+    mesh : Mesh, optional
+        Default: `mesh_for(trunk, contact_from)`, 1e-5 m or better for this trunk's motions.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, an activation that collapses a segment, or mixed contact regions.
+    StaticsError
+        If no equilibrium is found; names the load fraction reached.
+    """
+    activation = check_activation(trunk, activation)
+    head = np.asarray(head, dtype=float)
+    if head.shape[-1:] != (2,):
+        raise InputError(f"head: expected (psi_Z, psi_Y), shape (..., 2), got {head.shape}.")
+    every = [loads or Loads()] if isinstance(loads, Loads | None) else list(loads)
+    batch = np.broadcast_shapes(activation.shape[:-1], head.shape[:-1])
+    if len(every) > 1 and batch != (len(every),):
+        batch = np.broadcast_shapes(batch, (len(every),))
+    count = int(np.prod(batch))
+    contacts = {load.contact_from for load in every}
+    if len(contacts) > 1 and mesh is None:
+        raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
+    mesh = mesh or mesh_for(trunk, contacts.pop())
+    problem = _Problem(
+        trunk,
+        mesh,
+        np.broadcast_to(activation, (*batch, activation.shape[-1])).reshape(count, -1),
+        np.broadcast_to(head, (*batch, 2)).reshape(count, 2),
+        every * (count // len(every)),
+    )
+    states, converged = problem.newton(problem.unloaded())
+    for index in np.flatnonzero(~converged):
+        states[index] = problem.only(index).continuation()
+    return problem.shape(states, batch)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """A batch of B rods: activation (B, muscles), head (B, 2), one load each."""
+
+    trunk: Trunk
+    mesh: Mesh
+    activation: np.ndarray
+    head: np.ndarray
+    loads: list[Loads]
+
+    def __post_init__(self) -> None:
+        zeta = strains(self.trunk, self.activation)[..., 0]
+        if np.any(zeta <= 0):
+            raise InputError(
+                f"activation: contracts a segment to {zeta.min():.3g} of its length; "
+                "the extension must stay above 0."
+            )
+
+    def only(self, index: int) -> _Problem:
+        """The problem of one rod of the batch."""
+        one = slice(index, index + 1)
+        return replace(
+            self, activation=self.activation[one], head=self.head[one], loads=self.loads[one]
+        )
+
+    def unloaded(self) -> np.ndarray:
+        """Unloaded states (B, elements, degree + 1, 7): the start of Newton's method."""
+        points = np.hstack([np.asarray(self.mesh.edges[:-1])[:, None], self.mesh.points])
+        _, q = unloaded_states(self.trunk, self.activation, self.head, points.ravel())
+        states = np.zeros((len(self.loads), *points.shape, STATES))
+        states[..., :4] = q.reshape(*states.shape[:-1], 4)
+        return states
+
+    def inputs(self) -> tuple[np.ndarray, np.ndarray]:
+        """What `rates` needs besides the states: (8, B, E, d) of w and (11, B, E, d) of p."""
+        strain = strains(self.trunk, self.activation)
+        B, E, d = len(self.loads), self.mesh.elements, self.mesh.degree
+        w = np.empty((8, B, E, d))
+        of_element = segment_at(self.trunk, self.mesh.points[:, 0])
+        w[:4] = np.moveaxis(strain[:, of_element, :], -1, 0)[..., None]
+        w[4] = mean_extension(self.trunk, strain)[:, None, None]
+        w[5:] = np.array([load.tip_force for load in self.loads]).T[:, :, None, None]
+        known: dict[Loads, np.ndarray] = {}
+        for load in self.loads:
+            if load not in known:
+                known[load] = point_parameters(self.trunk, load, self.mesh.points.ravel())
+        p = np.stack([known[load].reshape(11, E, d) for load in self.loads], axis=1)
+        return w, p
+
+    def newton(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Newton's method on all rods together: states and which of them converged (B,)."""
+        w, p = self.inputs()
+        states = states.copy()
+        active = np.arange(len(self.loads))
+        converged = np.zeros(len(self.loads), dtype=bool)
+        with np.errstate(all="ignore"):  # a rod that diverges is dropped, not reported
+            for _ in range(MAX_ITERATIONS):
+                change = self._step(states[active], w[:, active], p[:, active])
+                states[active] += change
+                size = np.abs(change).max(axis=(1, 2, 3), initial=0.0, where=_IS_Q)
+                moment = np.abs(states[active][..., 4:]).max(axis=(1, 2, 3)) + 1.0
+                size = np.maximum(size, np.abs(change[..., 4:]).max(axis=(1, 2, 3)) / moment)
+                converged[active[size < TOLERANCE]] = True
+                active = active[(size >= TOLERANCE) & (size < 1e6)]  # NaN drops out as well
+                if not active.size:
+                    break
+        return states, converged
+
+    def _step(self, states: np.ndarray, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Newton step for states (B, E, d + 1, 7)."""
+        B, E, n, d = (*states.shape[:2], self.mesh.degree * STATES, self.mesh.degree)
+        element, h = gauss(d), self.mesh.widths
+        rate, slope = _evaluate(states[..., 1:, :], w, p)
+        residual = np.einsum("ij,...jx->...ix", element.derivative, states) - h[:, None, None] * (
+            rate[..., :STATES]
+        )
+        # Element matrix d(residual)/d(values at the Gauss points), (B, E, d, 7, d, 7).
+        matrix = np.zeros((B, E, d, STATES, d, STATES))
+        same = np.arange(STATES)
+        matrix[:, :, :, same, :, same] = element.derivative[:, 1:]
+        for j in range(d):
+            matrix[:, :, j, :, j, :] -= h[:, None, None] * slope[:, :, j]
+        right = np.zeros((B, E, d, STATES, 1 + STATES))
+        right[..., 0] = -residual
+        right[..., same, 1 + same] = -element.derivative[:, 0][:, None]
+        inner = np.linalg.solve(matrix.reshape(B, E, n, n), right.reshape(B, E, n, -1))
+        inner = inner.reshape(B, E, d, STATES, 1 + STATES)
+        return self._chain(states, inner)
+
+    def _chain(self, states: np.ndarray, inner: np.ndarray) -> np.ndarray:
+        """Assemble the step from each element's response to its left edge (columns 1:)."""
+        B, E = states.shape[:2]
+        at_end = gauss(self.mesh.degree).value(1.0)
+        # Step at each left edge as offset + (7, 3) matrix times the unknown change of m(0).
+        left = np.zeros((B, E + 1, STATES, 4))
+        left[:, 0, 4:, 1:] = np.eye(3)
+        for k in range(E):
+            response = np.einsum("j,bjxc->bxc", at_end[1:], inner[:, k])
+            response[..., 1:] += at_end[0] * np.eye(STATES)
+            left[:, k + 1] = response[..., 1:] @ left[:, k]
+            left[:, k + 1, :, 0] += response[..., 0]
+            if k + 1 < E:  # close any gap between this element's end and the next one's start
+                end = np.einsum("j,bjx->bx", at_end, states[:, k])
+                left[:, k + 1, :, 0] += end - states[:, k + 1, 0]
+        tip = np.einsum("j,bjx->bx", at_end, states[:, -1])[:, 4:]
+        dm0 = np.linalg.solve(left[:, -1, 4:, 1:], -(tip + left[:, -1, 4:, 0])[..., None])
+        step = np.empty_like(states)
+        edge = left[:, :-1, :, 0] + (left[:, :-1, :, 1:] @ dm0[:, None])[..., 0]
+        step[:, :, 0] = edge
+        step[:, :, 1:] = inner[..., 0] + np.einsum("bkjxc,bkc->bkjx", inner[..., 1:], edge)
+        return step
+
+    def continuation(self) -> np.ndarray:
+        """States of the single rod of this problem, its load raised from zero in steps."""
+        load = self.loads[0]
+        states, reached, ahead = self.unloaded(), 0.0, 0.25
+        while reached < 1:
+            target = min(1.0, reached + ahead)
+            partial = replace(self, loads=[load.scaled(target)])
+            trial, converged = partial.newton(states)
+            if converged[0]:
+                states, reached, ahead = trial, target, 2 * ahead
+            elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP:
+                raise StaticsError(
+                    f"no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
+                    "may buckle or coil there. Reduce the load or the activation.",
+                    reached,
+                )
+        return states[0]
+
+    def shape(self, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
+        """Shape with the centerline integrated from the base."""
+        w, p = self.inputs()
+        rate, _ = _evaluate(states[..., 1:, :], w, p)
+        slopes = rate[..., STATES:]
+        over = gauss(self.mesh.degree).integral(1.0)
+        steps = np.einsum("d,bkdc->bkc", over, slopes) * self.mesh.widths[:, None]
+        r0, _ = base_pose(self.trunk.head, self.head[:, 0], self.head[:, 1])
+        edges = np.concatenate([np.stack(r0, axis=-1)[:, None], steps], axis=1).cumsum(axis=1)
+        return Shape(
+            self.trunk,
+            self.mesh,
+            states.reshape(*batch, *states.shape[1:]),
+            edges.reshape(*batch, *edges.shape[1:]),
+            slopes.reshape(*batch, *slopes.shape[1:]),
+        )
+
+
+_IS_Q = np.arange(STATES) < 4
+
+
+@cache
+def _rates_and_slope() -> ca.Function:
+    """`rates` with the Jacobian of (q', m') by the state, both as columns."""
+    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    value = rates()(w, p)
+    slope = ca.jacobian(value[:STATES], w)[:, :STATES]
+    return ca.Function("rates_and_slope", [w, p], [value, ca.vec(ca.densify(slope.T))])
+
+
+def _evaluate(
+    states: np.ndarray, w: np.ndarray, p: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates (B, E, d, 10) and Jacobians (B, E, d, 7, 7) at Gauss-point states (B, E, d, 7)."""
+    where = states.shape[:3]
+    columns = np.concatenate([np.moveaxis(states, -1, 0), w]).reshape(15, -1)
+    value, slope = _rates_and_slope()(columns, p.reshape(11, -1))
+    return (
+        np.asarray(value).T.reshape(*where, -1),
+        np.asarray(slope).T.reshape(*where, STATES, STATES),
+    )

@@ -1,0 +1,475 @@
+"""A window of consecutive time steps as one nonlinear programme.
+
+Unknowns of a step: activations and head angles; the strain numbers they make; the tip force;
+the rod's states at element edges and Gauss points; its centerline at element edges and at
+targets. Direct collocation in Z ties them together; bounds on change and directions held
+from an earlier step tie steps together. Inside, lengths are in units of L and moments of
+E I(0) / L; every public face is SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from .activation import segment_at, segment_fractions, strain_matrix, strains
+from .anatomy import Trunk
+from .assembly import Assembly
+from .collocation import Mesh, gauss
+from .head import base_pose
+from .loads import Loads
+from .motion import Box, Held, Motion, Target
+from .rod import RATES, STATES, point_parameters, rates
+from .rotations import directors
+from .separable import Programme
+from .statics import Shape
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the costs besides tracking.
+
+    Tracking is the weighted sum of squared distances of eq. (42), positions in m. `effort`
+    weighs the sum over time steps of the squared activations, `rate` the integral over time
+    of the squared rates of activations and head angles (1/s and rad/s). Both are small:
+    they choose among the many solutions that track equally well.
+    """
+
+    effort: float = 1e-5
+    rate: float = 1e-5
+
+
+@dataclass(frozen=True)
+class Task:
+    """One time step of a window, all choices made: the numbers of its part of the NLP."""
+
+    duration: float
+    targets: tuple[Target, ...]
+    loads: Loads
+    pull: tuple[float, Held] | None
+    box: Box
+    change: Box
+
+
+@dataclass(frozen=True)
+class _Unknowns:
+    """Indices in x of one step's unknowns."""
+
+    x: np.ndarray  # (muscles + 2,)
+    strain: np.ndarray  # (segments, 4)
+    mean: np.ndarray  # (1,)
+    tip_force: np.ndarray  # (3,)
+    edges: np.ndarray  # (elements + 1, 7)
+    inner: np.ndarray  # (elements, degree, 7)
+    line: np.ndarray  # (elements + 1, 3)
+    points: dict[float, tuple[np.ndarray, np.ndarray]]  # Z: (q (4,), r (3,))
+
+
+class Window:
+    """The nonlinear programme of consecutive time steps.
+
+    Parameters
+    ----------
+    tasks : the steps
+    previous : (muscles + 2,)
+        Unknowns of the step before, known.
+    held : known values (3,) of the directions that these steps need from earlier ones.
+    offset : number of the first step of the window in the motion, from 0.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        mesh: Mesh,
+        tasks: Sequence[Task],
+        previous: np.ndarray,
+        held: dict[Held, np.ndarray],
+        offset: int,
+        weights: Weights,
+    ) -> None:
+        self.motion, self.mesh, self.tasks, self.offset = motion, mesh, tuple(tasks), offset
+        self.known = held
+        trunk = motion.trunk
+        self.length = trunk.length
+        self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
+        self.force = self.moment / trunk.length
+        self._assembly = Assembly()
+        self._structure: list[Hashable] = [trunk, mesh, len(tasks)]
+        self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
+        self.unknowns = [self._step(task) for task in self.tasks]
+        self.held = self._held_directions()
+        self._couplings()
+        self._costs(weights)
+        self.programme: Programme = self._assembly.programme()
+        self.bounds = self._assembly.bounds
+
+    @property
+    def structure(self) -> tuple[Hashable, ...]:
+        """Equal for windows whose programmes differ in numbers only."""
+        return tuple(self._structure)
+
+    # --- one step --------------------------------------------------------------------
+
+    def _step(self, task: Task) -> _Unknowns:
+        """Variables of one step, and the equations of its rod."""
+        add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
+        E, d, S = mesh.elements, mesh.degree, trunk.segments
+        low, high = self.motion.extension
+        strain_low, strain_high = np.full((S, 4), -np.inf), np.full((S, 4), np.inf)
+        strain_low[:, 0], strain_high[:, 0] = low, high
+        tip = np.asarray(task.loads.tip_force) / self.force
+        free = task.pull is not None and not self._is_known(task.pull[1])
+        if task.pull is not None and not free:
+            tip = tip + task.pull[0] / self.force * self.known[task.pull[1]]
+        at_edge = np.full((E + 1, STATES), np.inf)
+        at_edge[-1, 4:] = 0.0  # m(L) = 0
+        unknowns = _Unknowns(
+            x=add.variables(task.box.lower.size, lower=task.box.lower, upper=task.box.upper),
+            strain=add.variables(S, 4, lower=strain_low, upper=strain_high),
+            mean=add.variables(1),
+            tip_force=add.variables(
+                3, lower=-np.inf if free else tip, upper=np.inf if free else tip
+            ),
+            edges=add.variables(E + 1, STATES, lower=-at_edge, upper=at_edge),
+            inner=add.variables(E, d, STATES),
+            line=add.variables(E + 1, 3),
+            points={},
+        )
+        self._strain_rows(unknowns)
+        self._base_rows(unknowns)
+        inside = self._point_variables(unknowns, task)
+        self._rod_rows(unknowns, task.loads, inside)
+        return unknowns
+
+    def _strain_rows(self, u: _Unknowns) -> None:
+        """Strain numbers from activations; mean extension from extensions (eqs. 5, 30)."""
+        add, trunk = self._assembly, self.motion.trunk
+        A = strain_matrix(trunk) * np.array([1, *3 * [self.length]])[:, None]
+        rest = np.tile([1.0, 0, 0, 0], (trunk.segments, 1))
+        rows = add.rows(trunk.segments, 4, lower=rest, upper=rest)
+        add.linear(rows, u.strain)
+        add.linear(rows[..., None], u.x[: A.shape[2]], -A)
+        row = add.rows(1)
+        add.linear(row, u.mean)
+        add.linear(row, u.strain[:, 0], -segment_fractions(trunk))
+
+    def _base_rows(self, u: _Unknowns) -> None:
+        """Base position and orientation from the head angles (eqs. 35-39)."""
+        add = self._assembly
+        rows = add.rows(7)
+        add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
+        add.term(
+            _base(self.motion.trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0
+        )
+
+    def _point_variables(
+        self, u: _Unknowns, task: Task
+    ) -> list[tuple[int, float, np.ndarray]]:
+        """Orientation and position at every Z that is asked for.
+
+        An element edge has them already; a point inside gets its own by the collocation
+        polynomial. Returns those inside, as (element, tau, rows of r).
+        """
+        add, mesh, inside = self._assembly, self.mesh, []
+        asked = {target.Z for target in task.targets} | {
+            reference.Z for reference in self._references() if self._step_of(reference) is task
+        }
+        for Z in sorted(asked):
+            element, tau = (value.item() for value in mesh.locate(Z))
+            if tau in (0.0, 1.0):
+                k = element + int(tau)
+                u.points[Z] = (u.edges[k, :4], u.line[k])
+                continue
+            q, r = add.variables(4), add.variables(3)
+            u.points[Z] = (q, r)
+            rows = add.rows(4)
+            values = gauss(mesh.degree).value(tau)
+            states = np.concatenate([u.edges[element, None, :4], u.inner[element, :, :4]])
+            add.linear(rows, q)
+            add.linear(rows, states, -values[:, None])
+            rows = add.rows(3)
+            add.linear(rows, r)
+            add.linear(rows, u.line[element], -1.0)
+            inside.append((element, tau, rows))
+        self._structure.append(tuple(sorted(asked)))
+        return inside
+
+    def _rod_rows(
+        self, u: _Unknowns, loads: Loads, inside: list[tuple[int, float, np.ndarray]]
+    ) -> None:
+        """Collocation, continuity and centerline (eq. 14)."""
+        add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
+        E, d, element = mesh.elements, mesh.degree, gauss(mesh.degree)
+        h = mesh.widths / self.length
+        states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
+        collocation = add.rows(E, d, STATES)
+        add.linear(
+            collocation[:, :, None], states[:, None], element.derivative[None, :, :, None]
+        )
+        continuity = add.rows(E, STATES)
+        add.linear(continuity, u.edges[1:])
+        add.linear(continuity[:, None], states, -element.value(1.0)[None, :, None])
+        line = add.rows(E, 3)
+        add.linear(line, u.line[1:])
+        add.linear(line, u.line[:-1], -1.0)
+
+        place = np.arange(E * d).reshape(E, d)
+        of_element = segment_at(trunk, mesh.points[:, 0])
+        every = np.ones((E, d, 1), dtype=int)
+        variables = np.concatenate(
+            [
+                u.inner,
+                u.strain[of_element][:, None, :] * every,
+                u.mean * every,
+                u.tip_force * every,
+            ],
+            axis=-1,
+        )
+        scatter = [
+            (np.arange(STATES), place[:, :, None], collocation, -h[:, None, None]),
+            (
+                np.arange(STATES, RATES),
+                place[:, :, None],
+                line[:, None, :],
+                -(h[:, None] * element.integral(1.0))[:, :, None],
+            ),
+        ]
+        for k, tau, rows in inside:
+            weights = -h[k] * element.integral(tau)
+            scatter.append((np.arange(STATES, RATES), place[k][:, None], rows, weights[:, None]))
+        output, where, rows, weights = (
+            np.concatenate([np.broadcast_arrays(*part)[i].ravel() for part in scatter])
+            for i in range(4)
+        )
+        add.term(
+            _scaled_rates(self.length, self.moment),
+            variables.reshape(E * d, -1).T,
+            point_parameters(trunk, loads, mesh.points.ravel()),
+            output,
+            where,
+            rows,
+            weights,
+        )
+
+    # --- between steps ---------------------------------------------------------------
+
+    def _is_known(self, reference: Held) -> bool:
+        return reference.step < self.offset
+
+    def _step_of(self, reference: Held) -> Task:
+        return self.tasks[reference.step - self.offset]
+
+    def _references(self) -> list[Held]:
+        """Directions that steps of this window need and another of its steps defines."""
+        wanted = [task.pull[1] for task in self.tasks if task.pull is not None]
+        wanted += [
+            d
+            for task in self.tasks
+            for target in task.targets
+            for _, d, _ in target.pairs()
+            if isinstance(d, Held)
+        ]
+        return sorted(
+            {reference for reference in wanted if not self._is_known(reference)},
+            key=lambda reference: (reference.step, reference.Z, reference.director),
+        )
+
+    def _held_directions(self) -> dict[Held, np.ndarray]:
+        """A variable of its own for each held direction, tied to the step that defines it.
+
+        Without it, every step that refers to the direction would couple to the whole rod
+        of that step.
+        """
+        add, indices = self._assembly, {}
+        for reference in self._references():
+            unknowns = self.unknowns[reference.step - self.offset]
+            D, rows = add.variables(3), add.rows(3)
+            add.linear(rows, D)
+            q = unknowns.points[reference.Z][0]
+            add.term(
+                _director(reference.director),
+                q[:, None],
+                np.zeros((0, 1)),
+                np.arange(3),
+                0,
+                rows,
+                -1.0,
+            )
+            indices[reference] = D
+        self._structure.append(tuple(indices))
+        return indices
+
+    def _couplings(self) -> None:
+        """Pulls along held directions; bounds on change."""
+        add = self._assembly
+        before = self.previous
+        for number, (task, u) in enumerate(zip(self.tasks, self.unknowns, strict=True)):
+            pulled = task.pull is not None and not self._is_known(task.pull[1])
+            if pulled and task.pull is not None:
+                own = np.asarray(task.loads.tip_force) / self.force
+                rows = add.rows(3, lower=own, upper=own)
+                add.linear(rows, u.tip_force)
+                strength = np.array([[-task.pull[0] / self.force]])
+                D = self.held[task.pull[1]]
+                add.term(_scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
+            change = task.change
+            limited = np.flatnonzero(np.isfinite(change.lower) | np.isfinite(change.upper))
+            rows = add.rows(
+                limited.size, lower=change.lower[limited], upper=change.upper[limited]
+            )
+            add.linear(rows, u.x[limited])
+            add.linear(rows, before[limited], -1.0)
+            self._structure += [number, pulled, limited.tobytes()]
+            before = u.x
+
+    def _costs(self, weights: Weights) -> None:
+        """Tracking (eq. 42, squared), effort, and rate of change."""
+        positions: list[tuple[np.ndarray, np.ndarray]] = []
+        fixed: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+        moving: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+        for task, u in zip(self.tasks, self.unknowns, strict=True):
+            for target in task.targets:
+                q, r = u.points[target.Z]
+                if target.position is not None:
+                    positions.append((r, np.array([*target.position, target.position_weight])))
+                for j, d, weight in target.pairs():
+                    if isinstance(d, Held) and not self._is_known(d):
+                        D = self.held[d]
+                        moving.setdefault(j, []).append((np.append(q, D), np.array([weight])))
+                    else:
+                        goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
+                        fixed.setdefault(j, []).append((q, np.append(goal, weight)))
+        self._cost(_squared_distance(self.length), positions)
+        for j in sorted(fixed):
+            self._cost(_squared_direction(j), fixed[j])
+        for j in sorted(moving):
+            self._cost(_squared_held_direction(j), moving[j])
+        self._structure += [len(positions), *((j, len(fixed[j])) for j in sorted(fixed))]
+        self._structure += [(-1 - j, len(moving[j])) for j in sorted(moving)]
+
+        x = np.stack([self.previous, *(u.x for u in self.unknowns)])
+        self._assembly.cost(
+            _square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
+        )
+        per_second = np.array([[weights.rate / task.duration] for task in self.tasks])
+        pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
+        self._assembly.cost(
+            _squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
+        )
+
+    def _cost(
+        self, function: ca.Function, places: list[tuple[np.ndarray, np.ndarray]]
+    ) -> None:
+        if places:
+            variables, parameters = (np.stack(part, axis=-1) for part in zip(*places, strict=True))
+            self._assembly.cost(function, variables, parameters)
+
+    # --- in and out ------------------------------------------------------------------
+
+    def pack(self, x: np.ndarray, shapes: Shape) -> np.ndarray:
+        """Vector of all unknowns from those of the steps (H, muscles + 2) and shapes (H,)."""
+        trunk, L = self.motion.trunk, self.length
+        scale = np.array([1, 1, 1, 1, *3 * [1 / self.moment]])
+        full = np.clip(0.0, self.bounds["lbx"], self.bounds["ubx"])
+        strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
+        at_edges = shapes.state(np.asarray(self.mesh.edges)) * scale
+        inner = shapes.state(self.mesh.points.ravel()) * scale
+        line = shapes.position(np.asarray(self.mesh.edges)) / L
+        for t, u in enumerate(self.unknowns):
+            full[u.x], full[u.strain] = x[t], strain[t]
+            full[u.mean] = strain[t, :, 0] @ segment_fractions(trunk)
+            full[u.edges], full[u.line] = at_edges[t], line[t]
+            full[u.inner] = inner[t].reshape(u.inner.shape)
+            for Z, (q, r) in u.points.items():
+                full[q] = shapes.state(np.array([Z]))[t, 0, :4]
+                full[r] = shapes.position(np.array([Z]))[t, 0] / L
+        for reference, D in self.held.items():
+            rows = shapes.directors(np.array([reference.Z]))
+            full[D] = rows[reference.step - self.offset, 0, reference.director]
+        for task, u in zip(self.tasks, self.unknowns, strict=True):
+            if task.pull is not None and task.pull[1] in self.held:
+                pull = task.pull[0] * full[self.held[task.pull[1]]]
+                full[u.tip_force] = (np.asarray(task.loads.tip_force) + pull) / self.force
+        return full
+
+    def unknowns_of(self, full: np.ndarray) -> np.ndarray:
+        """Activations and head angles of the steps, (H, muscles + 2)."""
+        return np.stack([full[u.x] for u in self.unknowns])
+
+    def moments_of(self, full: np.ndarray) -> np.ndarray:
+        """Moment m(0) of the steps, (H, 3) N m."""
+        return np.stack([full[u.edges[0, 4:]] * self.moment for u in self.unknowns])
+
+    def tip_forces_of(self, full: np.ndarray) -> np.ndarray:
+        """Tip force V of the steps, (H, 3) N."""
+        return np.stack([full[u.tip_force] * self.force for u in self.unknowns])
+
+
+@cache
+def _scaled_rates(length: float, moment: float) -> ca.Function:
+    """`rates` in units of the transcription: L, and E I(0) / L for moments."""
+    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
+    to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
+    return ca.Function("rates", [w, p], [to_units * rates()(to_si * w, p)])
+
+
+@cache
+def _base(trunk: Trunk) -> ca.Function:
+    """Base position in units of L, and orientation, from the head angles."""
+    psi = ca.SX.sym("psi", 2)
+    r, q = base_pose(trunk.head, psi[0], psi[1])
+    pose = ca.vertcat(*(x / trunk.length for x in r), *q)
+    return ca.Function("base", [psi, ca.SX.sym("p", 0)], [pose])
+
+
+@cache
+def _director(j: int) -> ca.Function:
+    q = ca.SX.sym("q", 4)
+    return ca.Function("director", [q, ca.SX.sym("p", 0)], [ca.vertcat(*_d(q, j))])
+
+
+def _d(q: ca.SX, j: int) -> tuple[ca.SX, ...]:
+    return directors(ca.vertsplit(q))[j]
+
+
+@cache
+def _scaled_vector() -> ca.Function:
+    D, p = ca.SX.sym("D", 3), ca.SX.sym("p")
+    return ca.Function("scaled_vector", [D, p], [p * D])
+
+
+@cache
+def _squared_distance(length: float) -> ca.Function:
+    r, p = ca.SX.sym("r", 3), ca.SX.sym("p", 4)
+    return ca.Function("squared_distance", [r, p], [p[3] * ca.sumsqr(length * r - p[:3])])
+
+
+@cache
+def _squared_direction(j: int) -> ca.Function:
+    q, p = ca.SX.sym("q", 4), ca.SX.sym("p", 4)
+    difference = ca.vertcat(*_d(q, j)) - p[:3]
+    return ca.Function("squared_direction", [q, p], [p[3] * ca.sumsqr(difference)])
+
+
+@cache
+def _squared_held_direction(j: int) -> ca.Function:
+    w, p = ca.SX.sym("w", 7), ca.SX.sym("p")
+    difference = ca.vertcat(*_d(w[:4], j)) - w[4:]
+    return ca.Function("squared_held_direction", [w, p], [p * ca.sumsqr(difference)])
+
+
+@cache
+def _square() -> ca.Function:
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    return ca.Function("square", [x, p], [p * x**2])
+
+
+@cache
+def _squared_change() -> ca.Function:
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
+    return ca.Function("squared_change", [x, p], [p * (x[1] - x[0]) ** 2])
