@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from .anatomy import Trunk
 from .errors import InputError
@@ -36,36 +35,48 @@ class Gauss:
 
     def value(self, tau: np.ndarray | float) -> np.ndarray:
         """Weights (..., d + 1) that give a state at tau from its values at 0 and the nodes."""
-        return _evaluate(_lagrange(np.concatenate([[0.0], self.nodes])), tau)
+        return _lagrange(np.append(0.0, self.nodes), np.asarray(tau, dtype=float))
 
     def integral(self, tau: np.ndarray | float) -> np.ndarray:
         """Weights (..., d) that give a quadrature over [0, tau] from rates at the nodes."""
-        return _evaluate([basis.integ() for basis in _lagrange(self.nodes)], tau)
+        tau = np.asarray(tau, dtype=float)
+        points, weights = _unit_rule(self.degree)  # exact for the Lagrange basis
+        bases = _lagrange(self.nodes, tau[..., None] * points)
+        return tau[..., None] * np.einsum("q,...qi->...i", weights, bases)
 
 
 @cache
 def gauss(degree: int) -> Gauss:
-    """The element of a degree from 1 to 12 (beyond, monomials lose digits)."""
-    if not 1 <= degree <= 12:
-        raise InputError(f"degree = {degree}: expected a whole number from 1 to 12.")
-    nodes = (1 + np.polynomial.legendre.leggauss(degree)[0]) / 2
-    bases = _lagrange(np.concatenate([[0.0], nodes]))
-    derivative = _evaluate([basis.deriv() for basis in bases], nodes)
-    return Gauss(degree, nodes, derivative)
+    """The element of a degree from 1 to 20.
+
+    Raises
+    ------
+    InputError
+        For any other degree.
+    """
+    if not 1 <= degree <= 20:
+        raise InputError(f"degree = {degree}: expected a whole number from 1 to 20.")
+    nodes, _ = _unit_rule(degree)
+    every = np.append(0.0, nodes)
+    gaps = every[:, None] - every + np.eye(degree + 1)
+    barycentric = 1 / gaps.prod(axis=1)
+    derivative = barycentric / barycentric[:, None] / gaps
+    np.fill_diagonal(derivative, 0.0)
+    np.fill_diagonal(derivative, -derivative.sum(axis=1))
+    return Gauss(degree, nodes, derivative[1:])
 
 
-def _lagrange(nodes: np.ndarray) -> list[Polynomial]:
-    """Lagrange basis on `nodes`."""
-    return [
-        Polynomial.fromroots(np.delete(nodes, i)) / np.prod(nodes[i] - np.delete(nodes, i))
-        if nodes.size > 1
-        else Polynomial([1.0])
-        for i in range(nodes.size)
-    ]
+def _unit_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre points and weights on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(degree)
+    return (1 + points) / 2, weights / 2
 
 
-def _evaluate(polynomials: list[Polynomial], tau: np.ndarray | float) -> np.ndarray:
-    return np.stack([p(np.asarray(tau, dtype=float)) for p in polynomials], axis=-1)
+def _lagrange(nodes: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Values (..., n) at tau (...) of the Lagrange basis on nodes (n,)."""
+    own = np.eye(nodes.size, dtype=bool)
+    factors = (tau[..., None, None] - nodes) / np.where(own, 1.0, nodes[:, None] - nodes)
+    return np.where(own, 1.0, factors).prod(axis=-1)
 
 
 @dataclass(frozen=True)

@@ -119,8 +119,19 @@ class Motion:
     phases: tuple[Phase, ...]
     steps: tuple[Step, ...]
     extension: tuple[float, float]
-    activation_box: Box
+    box: Box
     """Bounds of the whole motion, that phases narrow."""
+    tolerance: tuple[float, float]
+    """Largest position error (m) and director error with which a target counts as reached."""
+
+    @property
+    def held(self) -> tuple[Held, ...]:
+        """Every direction that some step takes from an earlier one."""
+        wanted = {step.pull[1] for step in self.steps if step.pull is not None}
+        for step in self.steps:
+            for target in step.targets:
+                wanted |= {d for _, d, _ in target.pairs() if isinstance(d, Held)}
+        return tuple(sorted(wanted, key=lambda held: (held.step, held.Z, held.director)))
 
     @property
     def times(self) -> np.ndarray:
@@ -206,6 +217,7 @@ def build_motion(spec: ProblemSpec, trunk: Trunk) -> Motion:
         tuple(steps),
         spec.bounds.extension,
         whole,
+        (spec.tolerance.position, spec.tolerance.direction),
     )
 
 

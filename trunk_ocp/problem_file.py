@@ -222,6 +222,13 @@ class PhaseSpec(Strict):
         return self
 
 
+class ToleranceSpec(Strict):
+    """When a target counts as reached; a motion that misses one is not called solved."""
+
+    position: Annotated[PositiveFloat, Field(description="m")] = 0.02
+    direction: Annotated[PositiveFloat, Field(description="length of a director's error")] = 0.05
+
+
 class ProblemSpec(Strict):
     """A whole problem file."""
 
@@ -232,4 +239,5 @@ class ProblemSpec(Strict):
     )
     gravity: float = 9.8
     bounds: BoundsSpec
+    tolerance: ToleranceSpec = ToleranceSpec()
     phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1)]

@@ -133,6 +133,17 @@ def solve_statics(
     return problem.shape(states, batch)
 
 
+def shape_of_states(
+    trunk: Trunk, mesh: Mesh, x: np.ndarray, loads: Sequence[Loads], states: np.ndarray
+) -> Shape:
+    """Shapes (H,) from states already known, such as those of an optimal plan.
+
+    x : (H, muscles + 2), activations and head angles; states : (H, elements, degree + 1, 7).
+    """
+    problem = _Problem(trunk, mesh, x[:, :-2], x[:, -2:], list(loads))
+    return problem.shape(states, (len(x),))
+
+
 @dataclass(frozen=True)
 class _Problem:
     """A batch of B rods: activation (B, muscles), head (B, 2), one load each."""

@@ -100,7 +100,7 @@ class Window:
         self._assembly = Assembly()
         self._structure: list[Hashable] = [trunk, mesh, len(tasks)]
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
-        self.unknowns = [self._step(task) for task in self.tasks]
+        self.unknowns = [self._step(offset + t, task) for t, task in enumerate(self.tasks)]
         self.held = self._held_directions()
         self._couplings()
         self._costs(weights)
@@ -114,7 +114,7 @@ class Window:
 
     # --- one step --------------------------------------------------------------------
 
-    def _step(self, task: Task) -> _Unknowns:
+    def _step(self, number: int, task: Task) -> _Unknowns:
         """Variables of one step, and the equations of its rod."""
         add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
         E, d, S = mesh.elements, mesh.degree, trunk.segments
@@ -141,7 +141,9 @@ class Window:
         )
         self._strain_rows(unknowns)
         self._base_rows(unknowns)
-        inside = self._point_variables(unknowns, task)
+        asked = {target.Z for target in task.targets}
+        asked |= {held.Z for held in self.motion.held if held.step == number}
+        inside = self._point_variables(unknowns, asked)
         self._rod_rows(unknowns, task.loads, inside)
         return unknowns
 
@@ -167,7 +169,7 @@ class Window:
         )
 
     def _point_variables(
-        self, u: _Unknowns, task: Task
+        self, u: _Unknowns, asked: set[float]
     ) -> list[tuple[int, float, np.ndarray]]:
         """Orientation and position at every Z that is asked for.
 
@@ -175,9 +177,6 @@ class Window:
         polynomial. Returns those inside, as (element, tau, rows of r).
         """
         add, mesh, inside = self._assembly, self.mesh, []
-        asked = {target.Z for target in task.targets} | {
-            reference.Z for reference in self._references() if self._step_of(reference) is task
-        }
         for Z in sorted(asked):
             element, tau = (value.item() for value in mesh.locate(Z))
             if tau in (0.0, 1.0):
@@ -260,24 +259,6 @@ class Window:
     def _is_known(self, reference: Held) -> bool:
         return reference.step < self.offset
 
-    def _step_of(self, reference: Held) -> Task:
-        return self.tasks[reference.step - self.offset]
-
-    def _references(self) -> list[Held]:
-        """Directions that steps of this window need and another of its steps defines."""
-        wanted = [task.pull[1] for task in self.tasks if task.pull is not None]
-        wanted += [
-            d
-            for task in self.tasks
-            for target in task.targets
-            for _, d, _ in target.pairs()
-            if isinstance(d, Held)
-        ]
-        return sorted(
-            {reference for reference in wanted if not self._is_known(reference)},
-            key=lambda reference: (reference.step, reference.Z, reference.director),
-        )
-
     def _held_directions(self) -> dict[Held, np.ndarray]:
         """A variable of its own for each held direction, tied to the step that defines it.
 
@@ -285,7 +266,9 @@ class Window:
         of that step.
         """
         add, indices = self._assembly, {}
-        for reference in self._references():
+        for reference in self.motion.held:
+            if not 0 <= reference.step - self.offset < len(self.tasks):
+                continue
             unknowns = self.unknowns[reference.step - self.offset]
             D, rows = add.variables(3), add.rows(3)
             add.linear(rows, D)
@@ -370,18 +353,35 @@ class Window:
 
     # --- in and out ------------------------------------------------------------------
 
+    def pulls(self, shapes: Shape) -> np.ndarray:
+        """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`."""
+        forces = np.zeros((len(self.tasks), 3))
+        for t, task in enumerate(self.tasks):
+            if task.pull is None:
+                continue
+            strength, held = task.pull
+            if held in self.held:
+                rows = shapes.directors(np.array([held.Z]))
+                forces[t] = strength * rows[held.step - self.offset, 0, held.director]
+            else:
+                forces[t] = strength * self.known[held]
+        return forces
+
     def pack(self, x: np.ndarray, shapes: Shape) -> np.ndarray:
         """Vector of all unknowns from those of the steps (H, muscles + 2) and shapes (H,)."""
         trunk, L = self.motion.trunk, self.length
+        full = np.zeros(self.bounds["lbx"].size)
+        full[self.previous] = self.bounds["lbx"][self.previous]
         scale = np.array([1, 1, 1, 1, *3 * [1 / self.moment]])
-        full = np.clip(0.0, self.bounds["lbx"], self.bounds["ubx"])
         strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
         at_edges = shapes.state(np.asarray(self.mesh.edges)) * scale
         inner = shapes.state(self.mesh.points.ravel()) * scale
         line = shapes.position(np.asarray(self.mesh.edges)) / L
-        for t, u in enumerate(self.unknowns):
+        pulls = self.pulls(shapes)
+        for t, (task, u) in enumerate(zip(self.tasks, self.unknowns, strict=True)):
             full[u.x], full[u.strain] = x[t], strain[t]
             full[u.mean] = strain[t, :, 0] @ segment_fractions(trunk)
+            full[u.tip_force] = (np.asarray(task.loads.tip_force) + pulls[t]) / self.force
             full[u.edges], full[u.line] = at_edges[t], line[t]
             full[u.inner] = inner[t].reshape(u.inner.shape)
             for Z, (q, r) in u.points.items():
@@ -390,19 +390,33 @@ class Window:
         for reference, D in self.held.items():
             rows = shapes.directors(np.array([reference.Z]))
             full[D] = rows[reference.step - self.offset, 0, reference.director]
-        for task, u in zip(self.tasks, self.unknowns, strict=True):
-            if task.pull is not None and task.pull[1] in self.held:
-                pull = task.pull[0] * full[self.held[task.pull[1]]]
-                full[u.tip_force] = (np.asarray(task.loads.tip_force) + pull) / self.force
         return full
 
     def unknowns_of(self, full: np.ndarray) -> np.ndarray:
         """Activations and head angles of the steps, (H, muscles + 2)."""
         return np.stack([full[u.x] for u in self.unknowns])
 
-    def moments_of(self, full: np.ndarray) -> np.ndarray:
-        """Moment m(0) of the steps, (H, 3) N m."""
-        return np.stack([full[u.edges[0, 4:]] * self.moment for u in self.unknowns])
+    def worst_error(self, full: np.ndarray) -> float:
+        """Largest distance in m between a target position and the trunk."""
+        errors = [
+            np.linalg.norm(full[u.points[target.Z][1]] * self.length - np.asarray(target.position))
+            for task, u in zip(self.tasks, self.unknowns, strict=True)
+            for target in task.targets
+            if target.position is not None
+        ]
+        return float(max(errors, default=0.0))
+
+    def states_of(self, full: np.ndarray) -> np.ndarray:
+        """Rod states of the steps, (H, elements, degree + 1, 7), in SI."""
+        states = np.stack(
+            [full[np.concatenate([u.edges[:-1, None], u.inner], axis=1)] for u in self.unknowns]
+        )
+        states[..., 4:] *= self.moment
+        return states
+
+    def directions_of(self, full: np.ndarray) -> dict[Held, np.ndarray]:
+        """Value (3,) of each direction that this window defines for later steps."""
+        return {reference: full[D] for reference, D in self.held.items()}
 
     def tip_forces_of(self, full: np.ndarray) -> np.ndarray:
         """Tip force V of the steps, (H, 3) N."""

@@ -1,0 +1,302 @@
+"""Planning a motion: windows of time steps, solved one after the other.
+
+A window of H consecutive steps is one nonlinear programme. After each solve the first step
+of the window is kept and the window moves on by one; the last window keeps all of its steps.
+H = 1 is the paper's sequential solve, H = all the horizon, anything between a receding
+horizon; the loop is the same.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .collocation import Mesh, mesh_for
+from .errors import InputError, StaticsError
+from .loads import Loads
+from .motion import Box, Held, Motion, Step
+from .reporting import Reporter
+from .solution import Plan
+from .solver import Optimiser, Outcome
+from .statics import Shape, shape_of_states, solve_statics
+from .transcription import Task, Weights, Window
+
+FEASIBLE = 1e-6
+"""Largest constraint violation, in the transcription's units, of a usable candidate."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of the planner; the defaults serve every shipped motion.
+
+    Attributes
+    ----------
+    elements, degree : int
+        Mesh of the transcription, see `mesh_for`.
+    linear_solver : str
+        Of Ipopt: mumps comes with CasADi, ma27 ... ma97 and spral need installing.
+    max_iterations : int
+        Of Ipopt, for each solve.
+    """
+
+    weights: Weights = Weights()
+    elements: int = 4
+    degree: int = 5
+    linear_solver: str = "mumps"
+    max_iterations: int = 1000
+
+
+@dataclass
+class _State:
+    """What has been decided so far: unknowns, shapes and directions of the kept steps."""
+
+    x: list[np.ndarray] = field(default_factory=list)
+    tip_forces: list[np.ndarray] = field(default_factory=list)
+    states: list[np.ndarray] = field(default_factory=list)
+    held: dict[Held, np.ndarray] = field(default_factory=dict)
+    auxiliary: np.ndarray | None = None
+    iterations: int = 0
+    converged: bool = True
+
+
+def plan_motion(
+    motion: Motion,
+    lookahead: int | None = None,
+    options: Options | None = None,
+    reporter: Reporter | None = None,
+    start: Plan | None = None,
+) -> Plan:
+    """Find activations and head angles that perform a motion.
+
+    Parameters
+    ----------
+    lookahead : int, optional
+        Time steps planned together: 1 is the paper's sequential solve (with appendix B's
+        auxiliary problems, guesses and feasible sets), None all of them.
+    start : Plan, optional
+        A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
+        the sequential plan; it never returns anything worse by its own objective, as long as
+        that plan keeps the bounds on change, which appendix B does not ask of it.
+
+    Returns
+    -------
+    Plan
+        Look at its `status` before using it; a plan is returned even if not converged.
+
+    Raises
+    ------
+    InputError
+        If the lookahead is not a whole number from 1 on.
+    SolverMissingError
+        If the linear solver is not there.
+    """
+    began = time.perf_counter()
+    options, reporter = options or Options(), reporter or Reporter()
+    count = len(motion.steps)
+    if lookahead is not None and lookahead < 1:
+        raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
+    lookahead = min(lookahead or count, count)
+    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
+    if lookahead > 1 and start is None:
+        start = _Planner(motion, 1, options, optimiser, reporter, None).run()
+    plan = _Planner(motion, lookahead, options, optimiser, reporter, start).run()
+    return replace(
+        plan,
+        setup_seconds=optimiser.setup_seconds,
+        solve_seconds=optimiser.solve_seconds,
+        total_seconds=time.perf_counter() - began,
+    )
+
+
+@dataclass
+class _Planner:
+    """One pass over a motion with a given lookahead."""
+
+    motion: Motion
+    lookahead: int
+    options: Options
+    optimiser: Optimiser
+    reporter: Reporter
+    start: Plan | None
+
+    def __post_init__(self) -> None:
+        self.mesh: Mesh = mesh_for(
+            self.motion.trunk,
+            self.motion.contact_from,
+            self.options.elements,
+            self.options.degree,
+        )
+        self.unknowns = len(self.motion.trunk.muscles) + 2
+        self.by_auxiliary = False
+
+    def run(self) -> Plan:
+        state, count = _State(), len(self.motion.steps)
+        previous: np.ndarray | None = None  # solution of the window before
+        first = 0
+        while first < count and not self.reporter.stop:
+            last = min(first + self.lookahead, count)
+            if self.lookahead == 1:
+                window, outcome = self._one_step(first, state)
+            else:
+                window, outcome = self._several_steps(first, last, state, previous)
+            previous = window.unknowns_of(outcome.full)
+            self._keep(window, outcome, count if last == count else first + 1, state)
+            first = len(state.x)
+        return self._plan(state)
+
+    def _keep(self, window: Window, outcome: Outcome, until: int, state: _State) -> None:
+        """Decide the steps of a solved window up to `until`."""
+        take = until - window.offset
+        state.x += list(window.unknowns_of(outcome.full)[:take])
+        state.tip_forces += list(window.tip_forces_of(outcome.full)[:take])
+        state.states += list(window.states_of(outcome.full)[:take])
+        directions = window.directions_of(outcome.full)
+        state.held |= {held: d for held, d in directions.items() if held.step < until}
+        state.converged &= outcome.converged
+
+    # --- windows ---------------------------------------------------------------------
+
+    def _window(self, first: int, tasks: list[Task], state: _State) -> Window:
+        before = state.x[-1] if state.x else np.zeros(self.unknowns)
+        return Window(
+            self.motion, self.mesh, tasks, before, state.held, first, self.options.weights
+        )
+
+    def _solve(self, window: Window, x: np.ndarray, activity: str, state: _State) -> Outcome:
+        outcome = self.optimiser.solve(window, self._start(window, x), activity)
+        state.iterations += outcome.iterations
+        return outcome
+
+    def _start(self, window: Window, x: np.ndarray) -> np.ndarray:
+        """All unknowns of a window from those of its steps, the rods in equilibrium."""
+        loads = [task.loads for task in window.tasks]
+        try:
+            shapes = self._shapes(x, loads)
+            pulls = window.pulls(shapes)
+            if np.any(pulls):
+                loads = [
+                    replace(load, tip_force=tuple(np.add(load.tip_force, pull)))
+                    for load, pull in zip(loads, pulls, strict=True)
+                ]
+                shapes = self._shapes(x, loads)
+        except StaticsError:  # a start need not be in equilibrium
+            shapes = self._shapes(x, [load.scaled(0.0) for load in loads])
+        return window.pack(x, shapes)
+
+    def _shapes(self, x: np.ndarray, loads: list[Loads]) -> Shape:
+        return solve_statics(self.motion.trunk, x[:, :-2], x[:, -2:], loads, self.mesh)
+
+    def _several_steps(
+        self, first: int, last: int, state: _State, previous: np.ndarray | None
+    ) -> tuple[Window, Outcome]:
+        """A window of the horizon: the best of several starts."""
+        steps = self.motion.steps[first:last]
+        window = self._window(first, [_task(step) for step in steps], state)
+        named = f"steps {first + 1} to {last}"
+        best: Outcome | None = None
+        for label, x in self._starts(first, last, previous):
+            outcome = self._solve(window, x, f"{named}, from the {label}", state)
+            if outcome.stopped or best is None or _better(outcome, best):
+                best = outcome
+            if outcome.stopped:
+                break
+        if best is None:
+            raise AssertionError("every window has a start")
+        return window, best
+
+    def _starts(
+        self, first: int, last: int, previous: np.ndarray | None
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """Where the solve of a window starts: (name, unknowns of its steps)."""
+        if previous is not None:
+            yield "window before", np.vstack([previous[1:], previous[-1:]])[-(last - first) :]
+            return
+        if self.start is not None and len(self.start.x) >= last:
+            yield f"{self.start.mode} plan", self.start.x[first:last]
+        yield "passive trunk", np.zeros((last - first, self.unknowns))
+
+    def _one_step(self, first: int, state: _State) -> tuple[Window, Outcome]:
+        """A window of one step, as in the paper: see appendix B for each clause."""
+        step = self.motion.steps[first]
+        named = f"step {first + 1} of {len(self.motion.steps)}"
+        before = state.x[-1] if state.x else np.zeros(self.unknowns)
+        if step.auxiliary is None:
+            window = self._window(first, [_task(step)], state)
+            return window, self._solve(window, before[None], named, state)
+        guess = self._auxiliary(first, f"{named}, unloaded", state)
+        task = _task(step)
+        near = np.full(self.unknowns, step.auxiliary.activation_deviation)
+        near[-2:] = step.auxiliary.head_deviation
+        if np.any(np.isfinite(near)):
+            self.by_auxiliary = True
+            box = Box(step.box.lower.copy(), step.box.upper.copy())
+            if np.isfinite(step.auxiliary.activation_deviation):
+                box.lower[:-2] = self.motion.box.lower[:-2]
+                box.upper[:-2] = self.motion.box.upper[:-2]
+            task = replace(task, box=box.around(guess, near), change=_anything(self.unknowns))
+        window = self._window(first, [task], state)
+        return window, self._solve(window, guess[None], named, state)
+
+    def _auxiliary(self, first: int, named: str, state: _State) -> np.ndarray:
+        """Optimum of a step without loads, from and near the unloaded one before it."""
+        step = self.motion.steps[first]
+        chained = bool(np.any(np.isfinite(step.change.upper))) and state.auxiliary is not None
+        before = state.x[-1] if state.x else np.zeros(self.unknowns)
+        reference = state.auxiliary if chained and state.auxiliary is not None else before
+        unloaded = step.loads.scaled(0.0)
+        task = replace(
+            _task(step),
+            loads=unloaded,
+            pull=None,
+            change=step.change if chained else _anything(self.unknowns),
+        )
+        window = Window(
+            self.motion, self.mesh, [task], reference, state.held, first, self.options.weights
+        )
+        outcome = self._solve(window, reference[None], named, state)
+        if not outcome.converged and not outcome.stopped:
+            again = self._solve(window, np.zeros((1, self.unknowns)), named, state)
+            outcome = again if _better(again, outcome) else outcome
+        state.auxiliary = window.unknowns_of(outcome.full)[0]
+        return state.auxiliary
+
+    def _plan(self, state: _State) -> Plan:
+        x = np.array(state.x).reshape(-1, self.unknowns)
+        forces = np.array(state.tip_forces).reshape(-1, 3)
+        steps = self.motion.steps[: len(x)]
+        loads = [
+            replace(step.loads, tip_force=tuple(force))
+            for step, force in zip(steps, forces, strict=True)
+        ]
+        states = np.array(state.states)
+        return Plan(
+            motion=self.motion,
+            x=x,
+            tip_forces=forces,
+            shape=shape_of_states(self.motion.trunk, self.mesh, x, loads, states),
+            lookahead=self.lookahead,
+            weights=self.options.weights,
+            changes_bound=not self.by_auxiliary,
+            converged=state.converged,
+            interrupted=self.reporter.stop,
+            iterations=state.iterations,
+        )
+
+
+def _task(step: Step) -> Task:
+    return Task(step.duration, step.targets, step.loads, step.pull, step.box, step.change)
+
+
+def _anything(size: int) -> Box:
+    return Box(np.full(size, -np.inf), np.full(size, np.inf))
+
+
+def _better(a: Outcome, b: Outcome) -> bool:
+    """Whether outcome a is to be preferred: feasible first, then the lower objective."""
+    feasible = (a.infeasibility <= FEASIBLE, b.infeasibility <= FEASIBLE)
+    if feasible[0] != feasible[1]:
+        return feasible[0]
+    return a.objective < b.objective if feasible[0] else a.infeasibility < b.infeasibility

@@ -1,0 +1,257 @@
+"""A planned motion: what was found, how good it is, and what the trunk does in between."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .collocation import Mesh
+from .interpolation import interpolate
+from .loads import Loads
+from .motion import Held, Motion
+from .statics import Shape, solve_statics
+from .transcription import Weights
+from .verification import Verification, verify
+
+
+class Status(enum.Enum):
+    """How a plan ended; the value is the sentence a user reads."""
+
+    SOLVED = "solved and verified"
+    MISSED = "converged and verified, but a target is out of reach"
+    UNVERIFIED = "converged, but the independent check failed"
+    NOT_CONVERGED = "not converged; the best that was reached is saved"
+    INTERRUPTED = "interrupted; the best so far is saved"
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Costs of a plan: the paper's J (eq. 42, un-squared norms) and the planner's own.
+
+    The planner minimises `tracking` + `effort` + `rate`; see `Weights`.
+    """
+
+    paper: float
+    tracking: float
+    effort: float
+    rate: float
+
+    @property
+    def total(self) -> float:
+        """What the planner minimises."""
+        return self.tracking + self.effort + self.rate
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The moving trunk at one instant."""
+
+    time: float
+    activation: np.ndarray
+    head: np.ndarray
+    loads: Loads
+    shape: Shape
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion with the activations and head angles that perform it.
+
+    Attributes
+    ----------
+    x : (H, muscles + 2)
+        Activations and head angles (rad) of time steps 1 to H; H is less than the motion's
+        number of steps only if the plan was cut short.
+    tip_forces : (H, 3)
+        Tip force V in N, those along held directions included.
+    shape : Shape
+        Planned shapes, batch axis (H,).
+    lookahead : int
+        Time steps planned together; 1 is the paper's sequential solve.
+    changes_bound : bool
+        Whether the bounds on change hold between consecutive steps of this plan, rather
+        than around an auxiliary solution (appendix B.2).
+    """
+
+    motion: Motion
+    x: np.ndarray
+    tip_forces: np.ndarray
+    shape: Shape
+    lookahead: int
+    weights: Weights
+    changes_bound: bool = True
+    converged: bool = True
+    interrupted: bool = False
+    iterations: int = 0
+    setup_seconds: float = 0.0
+    solve_seconds: float = 0.0
+    total_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mode(self) -> str:
+        """horizon, sequential or receding, by the lookahead."""
+        if self.lookahead == 1:
+            return "sequential"
+        return "horizon" if self.lookahead >= len(self.motion.steps) else "receding"
+
+    @property
+    def activations(self) -> np.ndarray:
+        """Activations (H, muscles); negative contracts."""
+        return self.x[:, :-2]
+
+    @property
+    def head(self) -> np.ndarray:
+        """Head angles (H, 2): psi_Z, psi_Y in rad."""
+        return self.x[:, -2:]
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh of the planned shapes."""
+        return self.shape.mesh
+
+    @cached_property
+    def loads(self) -> tuple[Loads, ...]:
+        """Loads of each step."""
+        forces = (tuple(float(f) for f in force) for force in self.tip_forces)
+        return tuple(
+            replace(step.loads, tip_force=force)
+            for step, force in zip(self.motion.steps, forces, strict=False)
+        )
+
+    @cached_property
+    def verification(self) -> Verification:
+        """Independent check of every step."""
+        return verify(self.motion, self.x, self.loads, self.shape, self.changes_bound)
+
+    @cached_property
+    def errors(self) -> tuple[StepErrors, ...]:
+        """Errors of each step, from the independently integrated shapes."""
+        return step_errors(self)
+
+    @cached_property
+    def objective(self) -> Objective:
+        """Costs, from the independently integrated shapes."""
+        position = sum(float(e.position_weights @ e.position**2) for e in self.errors)
+        direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
+        before = np.concatenate([np.zeros((1, self.x.shape[1])), self.x[:-1]])
+        duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])
+        rate = float(np.sum((self.x - before) ** 2 / duration[:, None]))
+        return Objective(
+            sum(e.paper for e in self.errors),
+            position + direction,
+            self.weights.effort * float(np.sum(self.activations**2)),
+            self.weights.rate * rate,
+        )
+
+    @cached_property
+    def status(self) -> Status:
+        """How the plan ended."""
+        if self.interrupted:
+            return Status.INTERRUPTED
+        if not self.converged or len(self.x) < len(self.motion.steps):
+            return Status.NOT_CONVERGED
+        if self.verification.faults:
+            return Status.UNVERIFIED
+        return Status.MISSED if self.missed else Status.SOLVED
+
+    @property
+    def verified(self) -> bool:
+        """Whether every independent check of a whole plan passed."""
+        return len(self.x) == len(self.motion.steps) and not self.verification.faults
+
+    @property
+    def missed(self) -> list[str]:
+        """Targets farther off than the motion's tolerance, a sentence each."""
+        position, direction = self.motion.tolerance
+        sentences = []
+        for number, errors in enumerate(self.errors, 1):
+            for Z, error in zip(errors.position_Z, errors.position, strict=True):
+                if not error <= position:
+                    sentences.append(
+                        f"step {number}: the target at Z = {Z:g} m is missed by "
+                        f"{1e3 * error:.3g} mm, {1e3 * position:g} mm is allowed"
+                    )
+            for Z, error in zip(errors.direction_Z, errors.direction, strict=True):
+                if not error <= direction:
+                    sentences.append(
+                        f"step {number}: the direction at Z = {Z:g} m is missed by "
+                        f"{error:.3g}, {direction:g} is allowed"
+                    )
+        return sentences
+
+    def sample(self, t: float) -> Sample:
+        """The moving trunk at time t in s, from 0 to the end of the plan (section 5.2).
+
+        Activations, head angles and loads follow each phase's interpolation.
+        """
+        contact = np.array([(*x.contact_force, *x.contact_couple) for x in self.loads])
+        values = np.concatenate([self.x, self.tip_forces, contact], axis=1)
+        rest = np.zeros((1, values.shape[1]))
+        at = interpolate(self.motion, np.concatenate([rest, values]), t)
+        count = len(self.motion.trunk.muscles)
+        V, W, couple = at[count + 2 :].reshape(3, 3).tolist()
+        loads = Loads(self.motion.gravity, V, self.motion.contact_from, W, couple)
+        head = at[count : count + 2]
+        shape = solve_statics(self.motion.trunk, at[:count], head, loads, self.mesh)
+        return Sample(float(t), at[:count], head, loads, shape)
+
+
+@dataclass(frozen=True)
+class StepErrors:
+    """Errors of one time step, target by target.
+
+    `position` in m at `position_Z`; `direction` is the length of the director's error at
+    `direction_Z`; `paper` is J_T of eq. (42).
+    """
+
+    position_Z: np.ndarray
+    position: np.ndarray
+    position_weights: np.ndarray
+    direction_Z: np.ndarray
+    direction: np.ndarray
+    direction_weights: np.ndarray
+
+    @property
+    def paper(self) -> float:
+        """J_T of eq. (42): weighted sum of distances, not squared."""
+        return float(
+            self.position_weights @ self.position + self.direction_weights @ self.direction
+        )
+
+
+def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
+    """Errors of each step of a plan, from the independently integrated shapes."""
+    path = plan.verification.trajectory
+
+    def at(Z: float) -> int:
+        return int(np.searchsorted(path.Z, Z))
+
+    def goal(direction: Held | Sequence[float]) -> np.ndarray:
+        if isinstance(direction, Held):
+            return path.directors[direction.step, at(direction.Z), direction.director]
+        return np.asarray(direction)
+
+    result = []
+    for t, step in enumerate(plan.motion.steps[: len(plan.x)]):
+        positions = [
+            (g.Z, np.linalg.norm(path.position[t, at(g.Z)] - g.position), g.position_weight)
+            for g in step.targets
+            if g.position is not None
+        ]
+        directions = [
+            (g.Z, np.linalg.norm(path.directors[t, at(g.Z), j] - goal(d)), weight)
+            for g in step.targets
+            for j, d, weight in g.pairs()
+        ]
+        result.append(StepErrors(*_columns(positions), *_columns(directions)))
+    return tuple(result)
+
+
+def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    table = np.array(rows, dtype=float).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]

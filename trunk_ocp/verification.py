@@ -1,0 +1,198 @@
+"""Every answer checked by other means: no CasADi, no collocation, no optimiser.
+
+The rod equations (14), (15) are written out again in NumPy with rotation matrices, and
+integrated by scipy's DOP853 from the planned moment at the base. What a plan claims - shape,
+free tip, targets, bounds - is recomputed from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from .activation import intrinsic_strain, mean_extension, stiffness, strains
+from .anatomy import Trunk
+from .head import base_pose
+from .loads import Loads, mass_beyond
+from .motion import Motion
+from .rotations import directors as directors_of
+from .statics import Shape
+
+TOLERANCE = 1e-10
+LARGEST_DIFFERENCE = 1e-4  # m, between the planned and the integrated centerline
+LARGEST_END_MOMENT = 1e-3  # of the largest moment along the trunk
+SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Independently integrated shapes of H rods at points Z (n,).
+
+    `position` (H, n, 3) m; `directors` (H, n, 3, 3), row i is d_i; `moment` (H, n, 3) N m.
+    """
+
+    Z: np.ndarray
+    position: np.ndarray
+    directors: np.ndarray
+    moment: np.ndarray
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the independent check found, one entry for each time step.
+
+    Attributes
+    ----------
+    position_difference : (H,)
+        Largest distance in m between planned and integrated centerline.
+    end_moment : (H,)
+        Moment left at the free tip, as a fraction of the largest along the trunk.
+    bounds, extension, change : (H,)
+        Largest excess over the bounds on activations (no unit) and head angles (rad), on
+        zeta_hat anywhere along the trunk, and on the change from the step before.
+    """
+
+    trajectory: Trajectory
+    position_difference: np.ndarray
+    end_moment: np.ndarray
+    bounds: np.ndarray
+    extension: np.ndarray
+    change: np.ndarray
+
+    @property
+    def faults(self) -> list[str]:
+        """What does not hold, a sentence each; empty if all does."""
+        checks = (
+            ("planned and integrated centerline differ by", self.position_difference, "m",
+             LARGEST_DIFFERENCE),
+            ("the moment at the free tip is", self.end_moment, "of the largest",
+             LARGEST_END_MOMENT),
+            ("a bound on activation or head is exceeded by", self.bounds, "", SLACK),
+            ("an extension bound is exceeded by", self.extension, "", SLACK),
+            ("a bound on change is exceeded by", self.change, "", SLACK),
+        )  # fmt: skip
+        return [
+            f"step {int(np.argmax(_nan_high(values))) + 1}: {what} "
+            f"{_nan_high(values).max():.2g} {unit}".rstrip()
+            + f", {limit:g} is allowed"
+            for what, values, unit, limit in checks
+            if not np.all(values <= limit)
+        ]
+
+
+def _nan_high(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isnan(values), np.inf, values)
+
+
+def verify(
+    motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape, changes: bool
+) -> Verification:
+    """Check planned unknowns x (H, muscles + 2) and shapes (H,) of the first H time steps.
+
+    `changes` says whether the bounds on change hold between consecutive steps of this plan;
+    a sequential plan may instead be bound to its auxiliary solutions.
+    """
+    steps = motion.steps[: len(x)]
+    L = motion.trunk.length
+    own = [target.Z for step in steps for target in step.targets]
+    own += [held.Z for held in motion.held]
+    Z = np.unique(np.concatenate([np.linspace(0, L, 101), own]))
+    moment = shape.moment(np.array([0.0]))[:, 0]
+    path = integrate(motion.trunk, x, loads, moment, Z)
+    zeta, _ = intrinsic_strain(motion.trunk, x[:, :-2], Z)
+    low, high = motion.extension
+    before = np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
+    lower = np.stack([step.box.lower for step in steps])
+    upper = np.stack([step.box.upper for step in steps])
+    if not changes:  # appendix B bounds a main problem by the motion's own activation bounds
+        lower[:, :-2] = np.minimum(lower[:, :-2], motion.box.lower[:-2])
+        upper[:, :-2] = np.maximum(upper[:, :-2], motion.box.upper[:-2])
+    fall = np.stack([step.change.lower for step in steps])
+    rise = np.stack([step.change.upper for step in steps])
+    excess = np.maximum(fall - (x - before), (x - before) - rise).max(axis=1)
+    largest = np.linalg.norm(path.moment, axis=2).max(axis=1)
+    return Verification(
+        path,
+        np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
+        np.linalg.norm(path.moment[:, -1], axis=1) / np.where(largest > 0, largest, 1.0),
+        np.maximum(lower - x, x - upper).max(axis=1).clip(0),
+        np.maximum(low - zeta, zeta - high).max(axis=1).clip(0),
+        excess.clip(0) if changes else np.zeros(len(x)),
+    )
+
+
+def integrate(
+    trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], moment: np.ndarray, Z: np.ndarray
+) -> Trajectory:
+    """Integrate H rods together from the base to every point of Z, sorted.
+
+    Parameters
+    ----------
+    x : (H, muscles + 2)
+        Activations and head angles; they fix everything at the base but the moment.
+    moment : (H, 3)
+        m(0) in N m, in the directors.
+    """
+    H, activation = len(loads), x[:, :-2]
+    r0, q0 = base_pose(trunk.head, x[:, -2], x[:, -1])
+    d0 = [np.stack(np.broadcast_arrays(*row), axis=-1) for row in directors_of(q0)]
+    state = np.concatenate([np.stack(r0, axis=-1), *d0, moment], axis=1)
+    jumps = sorted({*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None})
+    values = np.full((Z.size, H, 15), np.nan)
+    values[Z <= 0] = state
+    for start, end in zip(jumps[:-1], jumps[1:], strict=True):
+        inside = (Z > start) & (Z <= end)
+        result = solve_ivp(
+            _slope(trunk, activation, loads, (start + end) / 2),
+            (start, end),
+            state.ravel(),
+            method="DOP853",
+            t_eval=np.union1d(Z[inside], [end]),
+            rtol=TOLERANCE,
+            atol=TOLERANCE,
+        )
+        if not result.success:
+            break  # NaN from here on: never called verified
+        path = result.y.T.reshape(-1, H, 15)
+        values[inside] = path[: np.count_nonzero(inside)]
+        state = path[-1]
+    values = values.swapaxes(0, 1)
+    directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
+    return Trajectory(Z, values[..., :3], directors, values[..., 12:])
+
+
+def _slope(
+    trunk: Trunk, activation: np.ndarray, loads: Sequence[Loads], middle: float
+) -> Callable[[float, np.ndarray], np.ndarray]:
+    """Right-hand side of eq. (14) for H rods, on the stretch without jumps around `middle`."""
+    L, H = trunk.length, len(loads)
+    mean = mean_extension(trunk, strains(trunk, activation))[:, None]
+    zeta_hat, u_hat = intrinsic_strain(trunk, activation, np.array([middle]))
+    c = u_hat[:, 0] * trunk.taper(middle)
+    gravity = np.array([[0.0, 0.0, load.gravity] for load in loads])
+    tip = np.array([load.tip_force for load in loads])
+    start = np.array([[L if x.contact_from is None else x.contact_from] for x in loads])
+    spread = np.where(start < L, L - start, 1.0)
+    touching = start <= middle
+    log = np.array([load.contact_force for load in loads])
+    couple = touching * np.array([load.contact_couple for load in loads]) / spread
+
+    def slope(Z: float, y: np.ndarray) -> np.ndarray:
+        rod = y.reshape(H, 15)
+        d, m = rod[:, 3:12].reshape(H, 3, 3), rod[:, 12:]
+        K = stiffness(trunk, Z)
+        share = np.where(touching, (L - Z) / spread, start < L)
+        force = tip + gravity * mass_beyond(trunk, Z) + log * share
+        n = np.einsum("hij,hj->hi", d, force)
+        zeta = zeta_hat * (1 + n[:, 2:] * mean / K[0])
+        u = c / trunk.taper(Z) + m * mean**2 / K[1:]
+        dm = zeta_hat * np.cross(m, u) - np.einsum("hij,hj->hi", d, couple)
+        dm[:, :2] += zeta * np.stack([n[:, 1], -n[:, 0]], axis=1)
+        darboux = np.einsum("hi,hij->hj", zeta_hat * u, d)
+        dd = np.cross(darboux[:, None], d)
+        return np.concatenate([zeta * d[:, 2], dd.reshape(H, 9), dm], axis=1).ravel()
+
+    return slope
