@@ -1,16 +1,19 @@
 """Whole-motion planning for a muscular trunk: an active Kirchhoff rod in CasADi.
 
-    import trunk_ocp as to
-    plan = to.plan_motion(to.load_motion("pick-fruit"))
+import trunk_ocp as to
+plan = to.plan_motion(to.load_motion("pick-fruit"))
 """
 
 from .anatomy import Trunk, load_anatomy
+from .comparison import compare, measure
 from .errors import InputError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
+from .reporting import Progress, Reporter
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
+from .storage import load_plan, save_plan
 from .transcription import Weights
 
 __all__ = [
@@ -19,6 +22,8 @@ __all__ = [
     "Motion",
     "Options",
     "Plan",
+    "Progress",
+    "Reporter",
     "Shape",
     "SolverMissingError",
     "StaticsError",
@@ -26,8 +31,12 @@ __all__ = [
     "Trunk",
     "TrunkError",
     "Weights",
+    "compare",
     "load_anatomy",
     "load_motion",
+    "load_plan",
+    "measure",
     "plan_motion",
+    "save_plan",
     "solve_statics",
 ]

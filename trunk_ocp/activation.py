@@ -97,7 +97,7 @@ def segment_at(trunk: Trunk, Z: np.ndarray | float) -> np.ndarray:
 def intrinsic_strain(
     trunk: Trunk, activation: np.ndarray, Z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Extension zeta_hat (..., n) and curvature u_hat (..., n, 3) in 1/m at points Z (n,) (eq. 5)."""
+    """Extension zeta_hat (..., n), curvature u_hat (..., n, 3) in 1/m at points Z (n,) (eq. 5)."""
     at = strains(trunk, activation)[..., segment_at(trunk, Z), :]
     return at[..., 0], at[..., 1:] / trunk.taper(Z)[:, None]
 

@@ -180,7 +180,7 @@ class Trunk:
 
     @property
     def taper_rate(self) -> float:
-        """k = tan(phi_0) / R_0(0) in 1/m, so that f(Z) = 1 - k Z (eq. 29)."""
+        """K = tan(phi_0) / R_0(0) in 1/m, so that f(Z) = 1 - k Z (eq. 29)."""
         return self.tan_taper / self.base_radius
 
     def taper(self, Z: np.ndarray | float) -> np.ndarray:
@@ -200,8 +200,13 @@ def load_anatomy(name_or_path: str | Path) -> Trunk:
     InputError
         If it is neither, or if the file is faulty; names file, key, value, expectation.
     """
+    return build_trunk(read_anatomy(name_or_path))
+
+
+def read_anatomy(name_or_path: str | Path) -> AnatomySpec:
+    """Read and validate an anatomy file; see `load_anatomy`."""
     folder = Path(str(files("trunk_ocp"))) / "data" / "anatomies"
-    return build_trunk(read_toml(shipped(str(name_or_path), folder), AnatomySpec))
+    return read_toml(shipped(str(name_or_path), folder), AnatomySpec)
 
 
 def build_trunk(spec: AnatomySpec) -> Trunk:
@@ -225,8 +230,7 @@ def build_trunk(spec: AnatomySpec) -> Trunk:
             math.radians(spec.head.xi_y_deg),
             math.radians(spec.head.xi_d_deg),
         ),
-        edges=tuple(spec.length * part.Z_over_length[0] for part in spec.segments)
-        + (spec.length,),
+        edges=(*(spec.length * part.Z_over_length[0] for part in spec.segments), spec.length),
         subdomains=tuple(by_side["R"] + by_side["L"]),
     )
 

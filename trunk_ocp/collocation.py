@@ -99,7 +99,9 @@ class Mesh:
     @cached_property
     def points(self) -> np.ndarray:
         """Collocation points (elements, degree) in m."""
-        return np.asarray(self.edges[:-1])[:, None] + np.outer(self.widths, gauss(self.degree).nodes)
+        return np.asarray(self.edges[:-1])[:, None] + np.outer(
+            self.widths, gauss(self.degree).nodes
+        )
 
     def locate(self, Z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """Element that holds Z and the position tau in [0, 1] in it; an edge ends its element."""

@@ -43,7 +43,9 @@ class Loads:
             if vector.shape != (3,) or not np.all(np.isfinite(vector)):
                 raise InputError(f"loads.{name}: expected three finite numbers, got {vector!r}.")
             object.__setattr__(self, name, tuple(float(v) for v in vector))
-        if self.contact_from is None and (self.contact_force != ZERO or self.contact_couple != ZERO):
+        if self.contact_from is None and (
+            self.contact_force != ZERO or self.contact_couple != ZERO
+        ):
             raise InputError(
                 "loads.contact_from: missing; a contact force or couple needs the Z in m "
                 "from which the trunk touches."
@@ -58,6 +60,11 @@ class Loads:
             _times(self.contact_force, fraction),
             _times(self.contact_couple, fraction),
         )
+
+
+def vector(v: np.ndarray) -> Vector:
+    """Three numbers as a tuple, which can be hashed."""
+    return (float(v[0]), float(v[1]), float(v[2]))
 
 
 def _times(vector: Vector, factor: float) -> Vector:

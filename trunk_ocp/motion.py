@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .anatomy import Trunk, load_anatomy
+from .anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from .errors import InputError
-from .loads import Loads, Vector
+from .loads import Loads, Vector, vector
 from .problem_file import (
     ChangeSpec,
     HeldSpec,
@@ -67,10 +67,6 @@ class Box:
     lower: np.ndarray
     upper: np.ndarray
 
-    def around(self, x: np.ndarray, radius: np.ndarray) -> Box:
-        """This box cut to x +- radius."""
-        return Box(np.maximum(self.lower, x - radius), np.minimum(self.upper, x + radius))
-
 
 @dataclass(frozen=True)
 class Auxiliary:
@@ -78,6 +74,11 @@ class Auxiliary:
 
     activation_deviation: float
     head_deviation: float
+
+    @property
+    def binds(self) -> bool:
+        """Whether it is more than a first guess."""
+        return math.isfinite(self.activation_deviation) or math.isfinite(self.head_deviation)
 
 
 @dataclass(frozen=True)
@@ -112,17 +113,29 @@ class Phase:
 class Motion:
     """A motion to plan. Time step 0 is the passive trunk: x = 0 under weight alone."""
 
-    name: str
-    title: str
+    spec: ProblemSpec
+    anatomy: AnatomySpec
     trunk: Trunk
-    gravity: float
     phases: tuple[Phase, ...]
     steps: tuple[Step, ...]
     extension: tuple[float, float]
     box: Box
     """Bounds of the whole motion, that phases narrow."""
-    tolerance: tuple[float, float]
-    """Largest position error (m) and director error with which a target counts as reached."""
+
+    @property
+    def name(self) -> str:
+        """Name of the motion, as in its file."""
+        return self.spec.name
+
+    @property
+    def gravity(self) -> float:
+        """Gravitational acceleration along +e_Z in m/s^2."""
+        return self.spec.gravity
+
+    @property
+    def tolerance(self) -> tuple[float, float]:
+        """Largest errors, in m and of a director, with which a target counts as reached."""
+        return self.spec.tolerance.position, self.spec.tolerance.direction
 
     @property
     def held(self) -> tuple[Held, ...]:
@@ -144,6 +157,24 @@ class Motion:
         return next((s.loads.contact_from for s in self.steps if s.loads.contact_from), None)
 
 
+def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
+    """Bounds on a step's unknowns, around an auxiliary solution `near` if there is one.
+
+    Appendix B bounds the auxiliary problem by the step's own box; the main problem then has
+    the motion's activation bounds, cut to the deviation from the auxiliary optimum.
+    """
+    if near is None or step.auxiliary is None:
+        return step.box
+    deviation, head = step.auxiliary.activation_deviation, step.auxiliary.head_deviation
+    lower, upper = step.box.lower.copy(), step.box.upper.copy()
+    if math.isfinite(deviation):
+        lower[:-2] = np.maximum(motion.box.lower[:-2], near[:-2] - deviation)
+        upper[:-2] = np.minimum(motion.box.upper[:-2], near[:-2] + deviation)
+    lower[-2:] = np.maximum(lower[-2:], near[-2:] - head)
+    upper[-2:] = np.minimum(upper[-2:], near[-2:] + head)
+    return Box(lower, upper)
+
+
 def problems_folder() -> Path:
     """Folder of the shipped problem files: inside the installed package, or beside it."""
     package = Path(__file__).parent
@@ -162,15 +193,15 @@ def load_motion(name_or_path: str | Path) -> Motion:
     path = shipped(str(name_or_path), problems_folder())
     spec = read_toml(path, ProblemSpec)
     beside = path.parent / spec.anatomy
-    trunk = load_anatomy(beside if beside.is_file() else spec.anatomy)
+    anatomy = read_anatomy(beside if beside.is_file() else spec.anatomy)
     try:
-        return build_motion(spec, trunk)
+        return build_motion(spec, anatomy)
     except InputError as error:
         raise InputError(f"{path}:\n  {error}") from None
 
 
-def build_motion(spec: ProblemSpec, trunk: Trunk) -> Motion:
-    """Turn a validated problem file into a motion of a given trunk.
+def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
+    """Turn a validated problem file and anatomy into a motion.
 
     Raises
     ------
@@ -178,8 +209,11 @@ def build_motion(spec: ProblemSpec, trunk: Trunk) -> Motion:
         For what only trunk and file together show: unknown muscles, points off the trunk,
         directions held from a step that is not earlier.
     """
+    trunk = build_trunk(anatomy)
     passive_tip = np.zeros(3)
-    if any(part.origin == "passive-tip" for p in spec.phases for part in (*p.targets, p.wrap) if part):
+    if any(
+        part.origin == "passive-tip" for p in spec.phases for part in (*p.targets, p.wrap) if part
+    ):
         rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(spec.gravity))
         passive_tip = rest.position(np.array([trunk.length]))[0]
     origins = {"base": np.zeros(3), "passive-tip": passive_tip}
@@ -208,17 +242,7 @@ def build_motion(spec: ProblemSpec, trunk: Trunk) -> Motion:
         start += phase.duration
         phases.append(Phase(phase.name, start, phase.interpolation))
     _one_contact(steps)
-    return Motion(
-        spec.name,
-        spec.title or spec.name,
-        trunk,
-        spec.gravity,
-        tuple(phases),
-        tuple(steps),
-        spec.bounds.extension,
-        whole,
-        (spec.tolerance.position, spec.tolerance.direction),
-    )
+    return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
 
 
 def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
@@ -239,9 +263,9 @@ def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
                 f"{', '.join(trunk.muscles)}."
             )
         lower[matching], upper[matching] = pair
-    for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
-        if pair is not None:
-            lower[index], upper[index] = np.radians(pair)
+    for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
+        if angles is not None:
+            lower[index], upper[index] = np.radians(angles)
     return Box(lower, upper)
 
 
@@ -291,16 +315,16 @@ def _point(
     _check_on_trunk(spec.Z, trunk, f"{where}.Z")
     position = None
     if spec.path is not None:
-        position = _vector(origins[spec.origin] + _bezier(spec.path, t))
+        position = vector(origins[spec.origin] + _bezier(spec.path, t))
     elif spec.position is not None:
-        position = _vector(origins[spec.origin] + np.asarray(spec.position))
+        position = vector(origins[spec.origin] + np.asarray(spec.position))
     directions: list[Direction | None] = []
     for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(wanted, HeldSpec):
             _check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
             directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
         else:
-            directions.append(None if wanted is None else _vector(_unit(np.asarray(wanted))))
+            directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
     return Target(
         spec.Z,
@@ -311,25 +335,26 @@ def _point(
     )
 
 
-def _arc(
-    spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]
-) -> list[Target]:
+def _arc(spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
     center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
     Z = np.linspace(*spec.Z, spec.points)
     theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
     theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
     distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
-    points = origins[spec.origin] + center + distance[:, None] * np.stack(
-        [np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1
+    points = (
+        origins[spec.origin]
+        + center
+        + distance[:, None]
+        * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
     )
     chords = np.diff(points, axis=0)
     return [
         Target(
             float(Z[p]),
-            _vector(points[p]),
+            vector(points[p]),
             spec.position_weights[p],
-            (None, None, _vector(_unit(chords[p]))),
+            (None, None, vector(_unit(chords[p]))),
             (0.0, 0.0, spec.d3_weights[p]),
         )
         for p in range(spec.points)
@@ -350,7 +375,7 @@ def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
             f"{where}.loads: contact_from = {contact_from:g}: expected less than the trunk's "
             f"length, {trunk.length:g} m."
         )
-    return Loads(gravity, _vector(tip), contact_from, force, couple)
+    return Loads(gravity, vector(tip), contact_from, force, couple)
 
 
 def _pull(
@@ -375,7 +400,9 @@ def _one_contact(steps: list[Step]) -> None:
 
 def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
     if not 0 <= Z <= trunk.length:
-        raise InputError(f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m.")
+        raise InputError(
+            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
+        )
 
 
 def _check_earlier(number: int, step: int, where: str) -> None:
@@ -393,7 +420,3 @@ def _bezier(points: Any, t: float) -> np.ndarray:
 
 def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
-
-
-def _vector(v: np.ndarray) -> Vector:
-    return (float(v[0]), float(v[1]), float(v[2]))

@@ -17,9 +17,9 @@ import numpy as np
 from .collocation import Mesh, mesh_for
 from .errors import InputError, StaticsError
 from .loads import Loads
-from .motion import Box, Held, Motion, Step
+from .motion import Box, Held, Motion, Step, allowed
 from .reporting import Reporter
-from .solution import Plan
+from .solution import Plan, loads_of
 from .solver import Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .transcription import Task, Weights, Window
@@ -42,9 +42,9 @@ class Options:
         Of Ipopt, for each solve.
     """
 
-    weights: Weights = Weights()
-    elements: int = 4
-    degree: int = 5
+    weights: Weights = field(default_factory=Weights)
+    elements: int = 3
+    degree: int = 6
     linear_solver: str = "mumps"
     max_iterations: int = 1000
 
@@ -57,7 +57,8 @@ class _State:
     tip_forces: list[np.ndarray] = field(default_factory=list)
     states: list[np.ndarray] = field(default_factory=list)
     held: dict[Held, np.ndarray] = field(default_factory=dict)
-    auxiliary: np.ndarray | None = None
+    auxiliary: np.ndarray | None = None  # the last unloaded optimum
+    near: dict[int, np.ndarray] = field(default_factory=dict)
     iterations: int = 0
     converged: bool = True
 
@@ -102,7 +103,15 @@ def plan_motion(
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
     if lookahead > 1 and start is None:
         start = _Planner(motion, 1, options, optimiser, reporter, None).run()
-    plan = _Planner(motion, lookahead, options, optimiser, reporter, start).run()
+    if reporter.stop and start is not None:
+        plan = replace(
+            start,
+            lookahead=lookahead,
+            interrupted=True,
+            notes=("interrupted before the horizon's own solve; this is the plan it starts from",),
+        )
+    else:
+        plan = _Planner(motion, lookahead, options, optimiser, reporter, start).run()
     return replace(
         plan,
         setup_seconds=optimiser.setup_seconds,
@@ -130,7 +139,6 @@ class _Planner:
             self.options.degree,
         )
         self.unknowns = len(self.motion.trunk.muscles) + 2
-        self.by_auxiliary = False
 
     def run(self) -> Plan:
         state, count = _State(), len(self.motion.steps)
@@ -197,9 +205,13 @@ class _Planner:
         window = self._window(first, [_task(step) for step in steps], state)
         named = f"steps {first + 1} to {last}"
         best: Outcome | None = None
+        if self.start is not None and self.start.converged and last == len(self.start.x):
+            kept = window.pack(self.start.x[first:last], self.start.part(first, last))
+            given = self.optimiser.evaluate(window, kept)
+            best = given if given.infeasibility <= FEASIBLE else None
         for label, x in self._starts(first, last, previous):
             outcome = self._solve(window, x, f"{named}, from the {label}", state)
-            if outcome.stopped or best is None or _better(outcome, best):
+            if best is None or _better(outcome, best):
                 best = outcome
             if outcome.stopped:
                 break
@@ -228,15 +240,10 @@ class _Planner:
             return window, self._solve(window, before[None], named, state)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
         task = _task(step)
-        near = np.full(self.unknowns, step.auxiliary.activation_deviation)
-        near[-2:] = step.auxiliary.head_deviation
-        if np.any(np.isfinite(near)):
-            self.by_auxiliary = True
-            box = Box(step.box.lower.copy(), step.box.upper.copy())
-            if np.isfinite(step.auxiliary.activation_deviation):
-                box.lower[:-2] = self.motion.box.lower[:-2]
-                box.upper[:-2] = self.motion.box.upper[:-2]
-            task = replace(task, box=box.around(guess, near), change=_anything(self.unknowns))
+        if step.auxiliary.binds:
+            state.near[first] = guess
+            box = allowed(self.motion, step, guess)
+            task = replace(task, box=box, change=_anything(self.unknowns))
         window = self._window(first, [task], state)
         return window, self._solve(window, guess[None], named, state)
 
@@ -266,11 +273,7 @@ class _Planner:
     def _plan(self, state: _State) -> Plan:
         x = np.array(state.x).reshape(-1, self.unknowns)
         forces = np.array(state.tip_forces).reshape(-1, 3)
-        steps = self.motion.steps[: len(x)]
-        loads = [
-            replace(step.loads, tip_force=tuple(force))
-            for step, force in zip(steps, forces, strict=True)
-        ]
+        loads = loads_of(self.motion, forces)
         states = np.array(state.states)
         return Plan(
             motion=self.motion,
@@ -279,7 +282,7 @@ class _Planner:
             shape=shape_of_states(self.motion.trunk, self.mesh, x, loads, states),
             lookahead=self.lookahead,
             weights=self.options.weights,
-            changes_bound=not self.by_auxiliary,
+            near=state.near,
             converged=state.converged,
             interrupted=self.reporter.stop,
             iterations=state.iterations,

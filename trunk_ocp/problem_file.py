@@ -132,7 +132,7 @@ class LimitsSpec(Strict):
     muscles: Annotated[
         dict[str, Pair],
         Field(description="by name or pattern (R1-dl, *3-dl, L*); later ones prevail"),
-    ] = {}
+    ] = Field(default_factory=dict)
     head_z_deg: Pair | None = None
     head_y_deg: Pair | None = None
 

@@ -88,7 +88,9 @@ class Programme:
         hessian = self._second(ca.vertcat(lam_f, lam_g), places)
         names = ["x", "p", "lam_f", "lam_g"]
         return {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [f, gradient], names[:2], ["f", "grad_f_x"]),
+            "grad_f": ca.Function(
+                "nlp_grad_f", [x, p], [f, gradient], names[:2], ["f", "grad_f_x"]
+            ),
             "jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], names[:2], ["g", "jac_g_x"]),
             "hess_lag": ca.Function(
                 "nlp_hess_l", [x, p, lam_f, lam_g], [hessian], names, ["triu_hess_gamma_x_x"]
@@ -106,9 +108,7 @@ class Programme:
             start = stop
         return x, p, places
 
-    def _first(
-        self, x: ca.MX, places: list[tuple[ca.MX, ca.MX]]
-    ) -> tuple[ca.MX, ca.MX]:
+    def _first(self, x: ca.MX, places: list[tuple[ca.MX, ca.MX]]) -> tuple[ca.MX, ca.MX]:
         """Gradient of the objective (dense) and Jacobian of the constraints (sparse)."""
         gather = _Gather(self.linear.shape)
         gather.add_constant(self.linear)
@@ -203,9 +203,8 @@ def _times(matrix: sp.csr_matrix, vector: ca.MX) -> ca.MX:
     """Constant sparse matrix times a dense column."""
     compressed = sp.csc_matrix(matrix)
     compressed.sort_indices()
-    pattern = ca.Sparsity(
-        *compressed.shape, compressed.indptr.tolist(), compressed.indices.tolist()
-    )
+    rows, columns = compressed.shape
+    pattern = ca.Sparsity(rows, columns, compressed.indptr.tolist(), compressed.indices.tolist())
     return ca.densify(ca.mtimes(ca.DM(pattern, compressed.data), vector))
 
 

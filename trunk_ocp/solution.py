@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from .collocation import Mesh
 from .interpolation import interpolate
-from .loads import Loads
+from .loads import Loads, vector
 from .motion import Held, Motion
 from .statics import Shape, solve_statics
 from .transcription import Weights
@@ -57,6 +57,14 @@ class Sample:
     shape: Shape
 
 
+def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
+    """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
+    return tuple(
+        replace(step.loads, tip_force=tuple(force))
+        for step, force in zip(motion.steps, tip_forces.tolist(), strict=False)
+    )
+
+
 @dataclass(frozen=True)
 class Plan:
     """A motion with the activations and head angles that perform it.
@@ -72,9 +80,9 @@ class Plan:
         Planned shapes, batch axis (H,).
     lookahead : int
         Time steps planned together; 1 is the paper's sequential solve.
-    changes_bound : bool
-        Whether the bounds on change hold between consecutive steps of this plan, rather
-        than around an auxiliary solution (appendix B.2).
+    near : dict
+        Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
+        here, rather than near the step before (sequential plans, appendix B).
     """
 
     motion: Motion
@@ -83,7 +91,7 @@ class Plan:
     shape: Shape
     lookahead: int
     weights: Weights
-    changes_bound: bool = True
+    near: dict[int, np.ndarray] = field(default_factory=dict)
     converged: bool = True
     interrupted: bool = False
     iterations: int = 0
@@ -114,19 +122,23 @@ class Plan:
         """Mesh of the planned shapes."""
         return self.shape.mesh
 
+    def part(self, first: int, last: int) -> Shape:
+        """Planned shapes of steps first to last - 1, counted from 0."""
+        some = slice(first, last)
+        shape = self.shape
+        return replace(
+            shape, states=shape.states[some], edges=shape.edges[some], slopes=shape.slopes[some]
+        )
+
     @cached_property
     def loads(self) -> tuple[Loads, ...]:
         """Loads of each step."""
-        forces = (tuple(float(f) for f in force) for force in self.tip_forces)
-        return tuple(
-            replace(step.loads, tip_force=force)
-            for step, force in zip(self.motion.steps, forces, strict=False)
-        )
+        return loads_of(self.motion, self.tip_forces)
 
     @cached_property
     def verification(self) -> Verification:
         """Independent check of every step."""
-        return verify(self.motion, self.x, self.loads, self.shape, self.changes_bound)
+        return verify(self.motion, self.x, self.loads, self.shape, self.near)
 
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
@@ -194,7 +206,7 @@ class Plan:
         rest = np.zeros((1, values.shape[1]))
         at = interpolate(self.motion, np.concatenate([rest, values]), t)
         count = len(self.motion.trunk.muscles)
-        V, W, couple = at[count + 2 :].reshape(3, 3).tolist()
+        V, W, couple = (vector(v) for v in at[count + 2 :].reshape(3, 3))
         loads = Loads(self.motion.gravity, V, self.motion.contact_from, W, couple)
         head = at[count : count + 2]
         shape = solve_statics(self.motion.trunk, at[:count], head, loads, self.mesh)
@@ -239,17 +251,21 @@ def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
     result = []
     for t, step in enumerate(plan.motion.steps[: len(plan.x)]):
         positions = [
-            (g.Z, np.linalg.norm(path.position[t, at(g.Z)] - g.position), g.position_weight)
+            (g.Z, _distance(path.position[t, at(g.Z)], g.position), g.position_weight)
             for g in step.targets
             if g.position is not None
         ]
         directions = [
-            (g.Z, np.linalg.norm(path.directors[t, at(g.Z), j] - goal(d)), weight)
+            (g.Z, _distance(path.directors[t, at(g.Z), j], goal(d)), weight)
             for g in step.targets
             for j, d, weight in g.pairs()
         ]
         result.append(StepErrors(*_columns(positions), *_columns(directions)))
     return tuple(result)
+
+
+def _distance(a: np.ndarray, b: Sequence[float] | np.ndarray) -> float:
+    return float(np.linalg.norm(a - np.asarray(b)))
 
 
 def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

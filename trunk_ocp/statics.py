@@ -128,7 +128,7 @@ def solve_statics(
         every * (count // len(every)),
     )
     states, converged = problem.newton(problem.unloaded())
-    for index in np.flatnonzero(~converged):
+    for index in np.flatnonzero(~converged).tolist():
         states[index] = problem.only(index).continuation()
     return problem.shape(states, batch)
 
@@ -217,8 +217,9 @@ class _Problem:
         B, E, n, d = (*states.shape[:2], self.mesh.degree * STATES, self.mesh.degree)
         element, h = gauss(d), self.mesh.widths
         rate, slope = _evaluate(states[..., 1:, :], w, p)
-        residual = np.einsum("ij,...jx->...ix", element.derivative, states) - h[:, None, None] * (
-            rate[..., :STATES]
+        residual = (
+            np.einsum("ij,...jx->...ix", element.derivative, states)
+            - h[:, None, None] * (rate[..., :STATES])
         )
         # Element matrix d(residual)/d(values at the Gauss points), (B, E, d, 7, d, 7).
         matrix = np.zeros((B, E, d, STATES, d, STATES))
@@ -304,9 +305,7 @@ def _rates_and_slope() -> ca.Function:
     return ca.Function("rates_and_slope", [w, p], [value, ca.vec(ca.densify(slope.T))])
 
 
-def _evaluate(
-    states: np.ndarray, w: np.ndarray, p: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _evaluate(states: np.ndarray, w: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rates (B, E, d, 10) and Jacobians (B, E, d, 7, 7) at Gauss-point states (B, E, d, 7)."""
     where = states.shape[:3]
     columns = np.concatenate([np.moveaxis(states, -1, 0), w]).reshape(15, -1)

@@ -206,9 +206,7 @@ class Window:
         h = mesh.widths / self.length
         states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
         collocation = add.rows(E, d, STATES)
-        add.linear(
-            collocation[:, :, None], states[:, None], element.derivative[None, :, :, None]
-        )
+        add.linear(collocation[:, :, None], states[:, None], element.derivative[None, :, :, None])
         continuity = add.rows(E, STATES)
         add.linear(continuity, u.edges[1:])
         add.linear(continuity[:, None], states, -element.value(1.0)[None, :, None])
@@ -301,9 +299,7 @@ class Window:
                 add.term(_scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
             change = task.change
             limited = np.flatnonzero(np.isfinite(change.lower) | np.isfinite(change.upper))
-            rows = add.rows(
-                limited.size, lower=change.lower[limited], upper=change.upper[limited]
-            )
+            rows = add.rows(limited.size, lower=change.lower[limited], upper=change.upper[limited])
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             self._structure += [number, pulled, limited.tobytes()]
@@ -344,9 +340,7 @@ class Window:
             _squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
         )
 
-    def _cost(
-        self, function: ca.Function, places: list[tuple[np.ndarray, np.ndarray]]
-    ) -> None:
+    def _cost(self, function: ca.Function, places: list[tuple[np.ndarray, np.ndarray]]) -> None:
         if places:
             variables, parameters = (np.stack(part, axis=-1) for part in zip(*places, strict=True))
             self._assembly.cost(function, variables, parameters)

@@ -77,7 +77,7 @@ def _spiral(
 
 
 def _ratio(numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:
-    """numerator / denominator, with the limit 1 where both vanish."""
+    """Numerator / denominator, with the limit 1 where both vanish."""
     zero = denominator == 0
     return np.where(zero, 1.0, numerator / np.where(zero, 1.0, denominator))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -17,7 +18,7 @@ from .activation import intrinsic_strain, mean_extension, stiffness, strains
 from .anatomy import Trunk
 from .head import base_pose
 from .loads import Loads, mass_beyond
-from .motion import Motion
+from .motion import Motion, allowed
 from .rotations import directors as directors_of
 from .statics import Shape
 
@@ -88,12 +89,15 @@ def _nan_high(values: np.ndarray) -> np.ndarray:
 
 
 def verify(
-    motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape, changes: bool
+    motion: Motion,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    shape: Shape,
+    near: dict[int, np.ndarray],
 ) -> Verification:
     """Check planned unknowns x (H, muscles + 2) and shapes (H,) of the first H time steps.
 
-    `changes` says whether the bounds on change hold between consecutive steps of this plan;
-    a sequential plan may instead be bound to its auxiliary solutions.
+    `near` has the auxiliary solutions that steps of a sequential plan are bound to.
     """
     steps = motion.steps[: len(x)]
     L = motion.trunk.length
@@ -104,24 +108,26 @@ def verify(
     path = integrate(motion.trunk, x, loads, moment, Z)
     zeta, _ = intrinsic_strain(motion.trunk, x[:, :-2], Z)
     low, high = motion.extension
-    before = np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
-    lower = np.stack([step.box.lower for step in steps])
-    upper = np.stack([step.box.upper for step in steps])
-    if not changes:  # appendix B bounds a main problem by the motion's own activation bounds
-        lower[:, :-2] = np.minimum(lower[:, :-2], motion.box.lower[:-2])
-        upper[:, :-2] = np.maximum(upper[:, :-2], motion.box.upper[:-2])
-    fall = np.stack([step.change.lower for step in steps])
-    rise = np.stack([step.change.upper for step in steps])
-    excess = np.maximum(fall - (x - before), (x - before) - rise).max(axis=1)
     largest = np.linalg.norm(path.moment, axis=2).max(axis=1)
+    before = np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
+    bounds, change = np.zeros(len(x)), np.zeros(len(x))
+    for t, step in enumerate(steps):
+        box = allowed(motion, step, near.get(t))
+        bounds[t] = _excess(x[t], box.lower, box.upper)
+        if t not in near:
+            change[t] = _excess(x[t] - before[t], step.change.lower, step.change.upper)
     return Verification(
         path,
         np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
         np.linalg.norm(path.moment[:, -1], axis=1) / np.where(largest > 0, largest, 1.0),
-        np.maximum(lower - x, x - upper).max(axis=1).clip(0),
+        bounds,
         np.maximum(low - zeta, zeta - high).max(axis=1).clip(0),
-        excess.clip(0) if changes else np.zeros(len(x)),
+        change,
     )
+
+
+def _excess(value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    return float(np.maximum(lower - value, value - upper).max(initial=0.0))
 
 
 def integrate(
@@ -143,7 +149,7 @@ def integrate(
     jumps = sorted({*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None})
     values = np.full((Z.size, H, 15), np.nan)
     values[Z <= 0] = state
-    for start, end in zip(jumps[:-1], jumps[1:], strict=True):
+    for start, end in pairwise(jumps):
         inside = (Z > start) & (Z <= end)
         result = solve_ivp(
             _slope(trunk, activation, loads, (start + end) / 2),

@@ -1,0 +1,32 @@
+# Everything here works on a fresh clone: each target makes what it needs first.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/ready
+
+.PHONY: venv motion test lint schema clean
+
+venv: $(READY)
+
+$(READY): pyproject.toml requirements-dev.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+# One worker a core; a solver of its own in each, so no threads inside.
+test: venv
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=2
+
+motion: venv
+	$(BIN)/solve-motion pick-fruit
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+schema: venv
+	$(BIN)/trunk-ocp schema > problems/problem.schema.json
+
+clean:
+	rm -rf .venv

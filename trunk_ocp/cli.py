@@ -1,0 +1,197 @@
+"""Command line: `solve-motion` and `trunk-ocp`."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import click
+from rich.console import Console
+
+from .anatomy import load_anatomy
+from .comparison import compare
+from .errors import TrunkError
+from .motion import Motion, load_motion
+from .planner import Options, plan_motion
+from .problem_file import ProblemSpec
+from .reporting import Reporter
+from .screen import Screen, comparison_table, rank_table, sign_table, step_table
+from .solution import Plan, Status
+from .storage import save_plan, summary
+
+EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
+BAD_INPUT, NOT_SOLVED = 2, 3
+
+
+@click.command("solve")
+@click.argument("problem", default="pick-fruit")
+@click.option(
+    "--mode",
+    type=click.Choice(["horizon", "sequential", "both"]),
+    default="horizon",
+    show_default=True,
+    help="Plan all time steps as one programme, one step after the other, or both ways.",
+)
+@click.option(
+    "--lookahead",
+    type=click.IntRange(min=1),
+    metavar="H",
+    help="Plan H time steps at a time (a receding horizon); instead of --mode.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Where results go.  [default: results/PROBLEM]",
+)
+@click.option("--linear-solver", default="mumps", show_default=True, help="Linear solver of Ipopt.")
+@click.option(
+    "--max-iterations",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    help="Most iterations of one solve.",
+)
+@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
+def solve(
+    problem: str,
+    mode: str,
+    lookahead: int | None,
+    out: Path | None,
+    linear_solver: str,
+    max_iterations: int,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Plan a motion: which muscles contract when, and how the head turns.
+
+    PROBLEM is pick-fruit, lift-log, lift-log-asymmetric, or a problem file of your own.
+
+    Exit codes: 0 solved and verified; 2 bad usage or problem file; 3 not converged, not
+    verified, or a target out of reach (what was reached is saved and marked); 4 interrupted
+    (the best so far is saved).
+    """
+    source = click.get_current_context().get_parameter_source("mode")
+    if lookahead is not None and source is not click.core.ParameterSource.DEFAULT:
+        raise click.UsageError("give --mode or --lookahead, not both.")
+    console = Console(quiet=quiet or as_json, highlight=False)
+    with _clean_errors():
+        motion = load_motion(problem)
+        folder = out or Path("results") / motion.name
+        options = Options(linear_solver=linear_solver, max_iterations=max_iterations)
+        with Screen(console, motion) as screen, _interruptible(screen):
+            plans = _plans(motion, mode, lookahead, options, screen)
+        for plan in plans:
+            save_plan(plan, folder / plan_folder(plan))
+            console.print(step_table(plan))
+            _verdict(console, plan)
+        if len(plans) == 2:
+            figures = compare(*plans)
+            (folder / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
+            console.print(comparison_table(figures))
+        console.print(f"Results are in {folder}/")
+    if as_json:
+        reports = {plan_folder(plan): summary(plan) for plan in plans}
+        click.echo(json.dumps(reports, indent=2))
+    sys.exit(max(EXIT_CODES.get(plan.status, NOT_SOLVED) for plan in plans))
+
+
+def plan_folder(plan: Plan) -> str:
+    """Name of a plan's folder: its mode, with the lookahead of a receding horizon."""
+    return f"receding-{plan.lookahead}" if plan.mode == "receding" else plan.mode
+
+
+def _plans(
+    motion: Motion, mode: str, lookahead: int | None, options: Options, reporter: Reporter
+) -> list[Plan]:
+    if lookahead is not None:
+        return [plan_motion(motion, lookahead, options, reporter)]
+    if mode == "horizon":
+        return [plan_motion(motion, None, options, reporter)]
+    sequential = plan_motion(motion, 1, options, reporter)
+    if mode == "sequential" or reporter.stop:
+        return [sequential]
+    return [sequential, plan_motion(motion, None, options, reporter, start=sequential)]
+
+
+def _verdict(console: Console, plan: Plan) -> None:
+    colour = "green" if plan.status is Status.SOLVED else "yellow"
+    console.print(f"[{colour}]{plan.mode}: {plan.status.value}[/]")
+    problems = [*plan.verification.faults, *plan.missed]
+    for sentence in problems[:5]:
+        console.print(f"  {sentence}")
+    if len(problems) > 5:
+        console.print(f"  and {len(problems) - 5} more, in summary.json")
+    for sentence in plan.notes:
+        console.print(f"  {sentence}")
+
+
+@contextmanager
+def _clean_errors() -> Iterator[None]:
+    """Errors a user can mend become a message and exit code 2."""
+    try:
+        yield
+    except (TrunkError, OSError) as error:
+        click.echo(f"Error: {error}", err=True)
+        sys.exit(BAD_INPUT)
+
+
+@contextmanager
+def _interruptible(reporter: Reporter) -> Iterator[None]:
+    """The first Ctrl-C ends the plan after the current iteration; a second one at once."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if reporter.stop:
+            raise KeyboardInterrupt
+        reporter.stop = True
+        reporter.note("Stopping; the best so far will be saved.")
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@click.group()
+@click.version_option(package_name="trunk_ocp")
+def main() -> None:
+    """Plan whole motions of a muscular trunk."""
+
+
+@main.command("tables")
+@click.option("--anatomy", default="asian-elephant", show_default=True, help="Name or file.")
+def tables(anatomy: str) -> None:
+    """Print what each muscle group does, and how strongly (the paper's Tables 2 and 3)."""
+    console = Console(highlight=False)
+    with _clean_errors():
+        trunk = load_anatomy(anatomy)
+        if not trunk.muscles:
+            click.echo(f"{trunk.name} has no muscles.")
+            return
+        console.print(sign_table(trunk))
+        console.print(rank_table(trunk))
+
+
+@main.command("schema")
+def schema() -> None:
+    """Print the JSON Schema of problem files, for editors."""
+    click.echo(json.dumps(problem_schema(), indent=2))
+
+
+def problem_schema() -> dict[str, Any]:
+    """JSON Schema of a problem file."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **ProblemSpec.model_json_schema(),
+    }
+
+
+main.add_command(solve)

@@ -1,0 +1,159 @@
+"""What the command line shows: live progress while planning, tables when done."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.status import Status as Spinner
+from rich.table import Table
+
+from .anatomy import Trunk
+from .motion import Motion
+from .reporting import Progress, Reporter
+from .solution import Plan
+from .tables import MEASURES, ranks, signs
+
+LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
+
+
+class Screen(Reporter):
+    """Progress on a console: one live line on a terminal, a line for each solve elsewhere."""
+
+    def __init__(self, console: Console, motion: Motion) -> None:
+        self.console, self.motion = console, motion
+        self.began = time.perf_counter()
+        self.activity = ""
+        self.total = 0
+        self.spinner: Spinner | None = None
+
+    def __enter__(self) -> Screen:
+        steps, muscles = len(self.motion.steps), len(self.motion.trunk.muscles)
+        title = self.motion.spec.title or self.motion.name
+        self.console.print(f"[bold]{title}[/]: {steps} time steps, {muscles} muscles")
+        if self.console.is_terminal:
+            self.spinner = self.console.status("setting up")
+            self.spinner.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.spinner is not None:
+            self.spinner.stop()
+
+    def iteration(self, progress: Progress) -> None:
+        """Show where the plan stands."""
+        self.total += 1
+        seconds = time.perf_counter() - self.began
+        if self.spinner is not None:
+            self.spinner.update(
+                f"{progress.activity} | iteration {progress.iteration} | worst error "
+                f"{1e3 * progress.worst_error:.2f} mm | infeasibility "
+                f"{progress.infeasibility:.0e} | {self.total} iterations, {seconds:.1f} s"
+            )
+        if progress.activity != self.activity:
+            self.activity = progress.activity
+            self.console.print(f"[dim]{seconds:6.1f} s  {progress.activity}[/]")
+
+    def note(self, text: str) -> None:
+        """Show a sentence."""
+        self.console.print(text)
+
+
+def step_table(plan: Plan) -> Table:
+    """One row for each time step; for long motions the first and last of each phase."""
+    table = Table(title=f"{plan.motion.name}, {plan.mode}", caption=_caption(plan))
+    for name in ("step", "time s", "phase", "worst error mm", "mean mm", "direction", "J_T",
+                 "psi_Z deg", "psi_Y deg", "strongest muscle", "checked mm"):  # fmt: skip
+        left = name in ("phase", "strongest muscle")
+        table.add_column(name, justify="left" if left else "right")
+    for t in _shown(plan):
+        step, errors = plan.motion.steps[t], plan.errors[t]
+        strongest = int(np.argmin(plan.activations[t])) if plan.activations.size else -1
+        named = (
+            f"{plan.motion.trunk.muscles[strongest]} {plan.activations[t, strongest]:.2f}"
+            if strongest >= 0
+            else ""
+        )
+        table.add_row(
+            str(t + 1),
+            f"{step.time:.3f}",
+            plan.motion.phases[step.phase].name,
+            _number(errors.position, np.max, 1e3, ".2f"),
+            _number(errors.position, np.mean, 1e3, ".2f"),
+            _number(errors.direction, np.max, 1.0, ".4f"),
+            f"{errors.paper:.4f}",
+            f"{np.degrees(plan.head[t, 0]):.2f}",
+            f"{np.degrees(plan.head[t, 1]):.2f}",
+            named,
+            f"{1e3 * plan.verification.position_difference[t]:.4f}",
+        )
+    return table
+
+
+def _caption(plan: Plan) -> str:
+    return (
+        f"J = {plan.objective.paper:.4f}; {plan.iterations} iterations in "
+        f"{plan.total_seconds:.1f} s; 'checked' is the distance to an independent integration"
+    )
+
+
+def _shown(plan: Plan) -> Sequence[int]:
+    count = len(plan.x)
+    if count <= LONG_MOTION:
+        return range(count)
+    phases = [step.phase for step in plan.motion.steps[:count]]
+    return [
+        t
+        for t in range(count)
+        if t in (0, count - 1) or phases[t] != phases[t - 1] or phases[t] != phases[t + 1]
+    ]
+
+
+def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
+    return format(scale * of(values), form) if values.size else "-"
+
+
+def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
+    """Measures of two plans side by side."""
+    table = Table(title="sequential against horizon")
+    table.add_column("measure")
+    for mode in figures:
+        table.add_column(mode, justify="right")
+    for name in next(iter(figures.values())):
+        table.add_row(name.replace("_", " "), *(f"{plan[name]:.5g}" for plan in figures.values()))
+    return table
+
+
+def sign_table(trunk: Trunk) -> Table:
+    """The paper's Table 2."""
+    table = Table(title="Effect of a contraction (Table 2)")
+    for name in ("muscle", "side", *MEASURES, "isolated torsion"):
+        table.add_column(name)
+    words = {-1: "< 0", 0: "= 0", 1: "> 0", 2: "differs"}
+    for group, sides in signs(trunk).items():
+        for side, row in sorted(sides.items(), reverse=True):
+            table.add_row(group, side, *(words[sign] for sign in row))
+    return table
+
+
+def rank_table(trunk: Trunk) -> Table:
+    """The paper's Table 3."""
+    table = Table(title="Muscles from strongest to weakest (Table 3)")
+    for name in ("segment", *MEASURES):
+        table.add_column(name)
+    for number, columns in enumerate(ranks(trunk), 1):
+        cells = [
+            ", ".join(strong) + (f" (none: {', '.join(zero)})" if zero else "")
+            for strong, zero in (columns[measure] for measure in MEASURES)
+        ]
+        table.add_row(str(number), *cells)
+    return table

@@ -1,0 +1,220 @@
+"""Plans on disk: labelled, complete, readable by people and programs.
+
+A folder holds `summary.json` (how good the plan is), `activations.csv` (for a spreadsheet)
+and `solution.nc` (everything, labelled; opens in xarray, MATLAB, R). The last alone restores
+the plan: problem and anatomy are inside.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .anatomy import AnatomySpec
+from .collocation import Mesh
+from .errors import InputError
+from .motion import build_motion
+from .problem_file import ProblemSpec
+from .solution import Plan, loads_of
+from .statics import shape_of_states
+from .transcription import Weights
+
+POINTS = 101
+
+
+def save_plan(plan: Plan, folder: Path) -> None:
+    """Write a plan to a folder, which is made if need be."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "summary.json").write_text(json.dumps(summary(plan), indent=2) + "\n")
+    _write_activations(plan, folder / "activations.csv")
+    dataset(plan).to_netcdf(folder / "solution.nc", engine="scipy")
+
+
+def load_plan(folder: str | Path) -> Plan:
+    """Read a plan that `save_plan` wrote.
+
+    Raises
+    ------
+    InputError
+        If the folder has no readable solution.nc.
+    """
+    path = Path(folder) / "solution.nc"
+    try:
+        with xr.open_dataset(path, engine="scipy") as stored:
+            data = stored.load()
+        attributes = data.attrs
+        motion = build_motion(
+            ProblemSpec.model_validate_json(attributes["problem_json"]),
+            AnatomySpec.model_validate_json(attributes["anatomy_json"]),
+        )
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: cannot be read as a plan ({error}); expected a file written by solve-motion."
+        ) from None
+    x = np.hstack([data["activation"].values, data["head"].values])
+    mesh = Mesh(tuple(data["edge"].values.tolist()), int(data.sizes["node"]) - 1)
+    near: dict[int, np.ndarray] = {}
+    if "near_step" in data:
+        rows = np.hstack([data["near_activation"].values, data["near_head"].values])
+        near = dict(zip((data["near_step"].values - 1).tolist(), rows, strict=True))
+    tip_forces = data["tip_force"].values
+    loads = loads_of(motion, tip_forces)
+    return Plan(
+        motion=motion,
+        x=x,
+        tip_forces=tip_forces,
+        shape=shape_of_states(motion.trunk, mesh, x, loads, data["state"].values),
+        lookahead=int(attributes["lookahead"]),
+        weights=Weights(float(attributes["weight_effort"]), float(attributes["weight_rate"])),
+        near=near,
+        converged=bool(attributes["converged"]),
+        interrupted=bool(attributes["interrupted"]),
+        iterations=int(attributes["iterations"]),
+        setup_seconds=float(attributes["seconds_setup"]),
+        solve_seconds=float(attributes["seconds_solve"]),
+        total_seconds=float(attributes["seconds_total"]),
+        notes=tuple(json.loads(attributes["notes_json"])),
+    )
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """The plan in numbers, ready for JSON; what is not finite becomes null."""
+    report = {
+        "problem": plan.motion.name,
+        "mode": plan.mode,
+        "lookahead": plan.lookahead,
+        "status": plan.status.name.lower(),
+        "message": plan.status.value,
+        "verified": plan.verified,
+        "faults": plan.verification.faults,
+        "missed": plan.missed,
+        "notes": list(plan.notes),
+        "iterations": plan.iterations,
+        "seconds": {
+            "setup": round(plan.setup_seconds, 4),
+            "solve": round(plan.solve_seconds, 4),
+            "total": round(plan.total_seconds, 4),
+        },
+        "objective": plan.objective.paper,
+        "planner_objective": {
+            "total": plan.objective.total,
+            "tracking": plan.objective.tracking,
+            "effort": plan.objective.effort,
+            "rate": plan.objective.rate,
+        },
+        "max_position_error": max(
+            (float(e.position.max(initial=0.0)) for e in plan.errors), default=math.nan
+        ),
+        "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
+        "timesteps": [
+            {
+                "time": step.time,
+                "phase": plan.motion.phases[step.phase].name,
+                "objective": errors.paper,
+                "position_error": errors.position.tolist(),
+                "tangent_error": errors.direction.tolist(),
+                "psi_z": float(x[-2]),
+                "psi_y": float(x[-1]),
+            }
+            for step, errors, x in zip(plan.motion.steps, plan.errors, plan.x, strict=False)
+        ],
+        "version": version("trunk_ocp"),
+    }
+    finite: dict[str, Any] = _finite(report)
+    return finite
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def dataset(plan: Plan) -> xr.Dataset:
+    """The whole plan as labelled arrays."""
+    motion = plan.motion
+    Z = np.linspace(0.0, motion.trunk.length, POINTS)
+    loads = plan.loads
+    data = xr.Dataset(
+        {
+            "activation": (
+                ("time", "muscle"),
+                plan.activations,
+                {"long_name": "negative contracts"},
+            ),
+            "head": (("time", "angle"), plan.head, {"units": "rad"}),
+            "tip_force": (("time", "axis"), plan.tip_forces, {"units": "N"}),
+            "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
+            "contact_couple": (
+                ("time", "axis"),
+                [x.contact_couple for x in loads],
+                {"units": "N m"},
+            ),
+            "position": (("time", "Z", "axis"), plan.shape.position(Z), {"units": "m"}),
+            "directors": (("time", "Z", "director", "axis"), plan.shape.directors(Z)),
+            "moment": (
+                ("time", "Z", "director"),
+                plan.shape.moment(Z),
+                {"units": "N m", "long_name": "internal moment in the directors"},
+            ),
+            "edge": (("edge_number",), np.asarray(plan.mesh.edges), {"units": "m"}),
+            "state": (
+                ("time", "element", "node", "component"),
+                plan.shape.states,
+                {"long_name": "collocation states: quaternion, then moment in N m"},
+            ),
+        },
+        {
+            "time": ("time", motion.times[: len(plan.x)], {"units": "s"}),
+            "muscle": list(motion.trunk.muscles),
+            "angle": ["psi_z", "psi_y"],
+            "axis": ["X", "Y", "Z"],
+            "director": ["d1", "d2", "d3"],
+            "Z": ("Z", Z, {"units": "m"}),
+        },
+        {
+            "title": motion.spec.title or motion.name,
+            "problem_json": motion.spec.model_dump_json(),
+            "anatomy_json": motion.anatomy.model_dump_json(),
+            "notes_json": json.dumps(plan.notes),
+            "status": plan.status.name.lower(),
+            "lookahead": plan.lookahead,
+            "weight_effort": plan.weights.effort,
+            "weight_rate": plan.weights.rate,
+            "converged": int(plan.converged),
+            "interrupted": int(plan.interrupted),
+            "iterations": plan.iterations,
+            "seconds_setup": plan.setup_seconds,
+            "seconds_solve": plan.solve_seconds,
+            "seconds_total": plan.total_seconds,
+            "source": f"trunk_ocp {version('trunk_ocp')}",
+        },
+    )
+    if plan.near:
+        near = np.stack(list(plan.near.values()))
+        data["near_step"] = ("near_number", np.array(list(plan.near)) + 1)
+        data["near_activation"] = (("near_number", "muscle"), near[:, :-2])
+        data["near_head"] = (("near_number", "angle"), near[:, -2:])
+    return data
+
+
+def _write_activations(plan: Plan, path: Path) -> None:
+    """One row for each time step, the passive start included."""
+    motion = plan.motion
+    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(head)
+        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1])])
+        for step, x in zip(motion.steps, plan.x, strict=False):
+            phase = motion.phases[step.phase].name
+            writer.writerow([f"{step.time:.9g}", phase, *(f"{value:.9g}" for value in x)])
