@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -82,6 +83,8 @@ def solve(
     if lookahead is not None and source is not click.core.ParameterSource.DEFAULT:
         raise click.UsageError("give --mode or --lookahead, not both.")
     console = Console(quiet=quiet or as_json, highlight=False)
+    # CasADi's OpenBLAS, loaded with the solver, would only spin a second thread here.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with _clean_errors():
         motion = load_motion(problem)
         folder = out or Path("results") / motion.name

@@ -19,7 +19,7 @@ from .errors import InputError, StaticsError
 from .loads import Loads
 from .motion import Box, Held, Motion, Step, allowed
 from .reporting import Reporter
-from .solution import Plan, loads_of
+from .solution import Plan, loads_of, mode_of
 from .solver import Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .transcription import Task, Weights, Window
@@ -139,6 +139,7 @@ class _Planner:
             self.options.degree,
         )
         self.unknowns = len(self.motion.trunk.muscles) + 2
+        self.stage = mode_of(self.lookahead, len(self.motion.steps))
 
     def run(self) -> Plan:
         state, count = _State(), len(self.motion.steps)
@@ -173,8 +174,8 @@ class _Planner:
             self.motion, self.mesh, tasks, before, state.held, first, self.options.weights
         )
 
-    def _solve(self, window: Window, x: np.ndarray, activity: str, state: _State) -> Outcome:
-        outcome = self.optimiser.solve(window, self._start(window, x), activity)
+    def _solve(self, window: Window, x: np.ndarray, detail: str, state: _State) -> Outcome:
+        outcome = self.optimiser.solve(window, self._start(window, x), self.stage, detail)
         state.iterations += outcome.iterations
         return outcome
 

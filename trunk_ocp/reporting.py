@@ -11,8 +11,10 @@ class Progress:
 
     Attributes
     ----------
-    activity : str
-        What is being solved, such as "sequential, step 3 of 10".
+    stage : str
+        Part of the plan, such as "sequential" or "horizon".
+    detail : str
+        What is being solved in it, such as "step 3 of 10, unloaded".
     first, last : int
         Time steps in work, counted from 1.
     iteration : int
@@ -23,7 +25,8 @@ class Progress:
         Largest violation of a constraint, in the transcription's units.
     """
 
-    activity: str
+    stage: str
+    detail: str
     first: int
     last: int
     iteration: int

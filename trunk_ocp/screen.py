@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.status import Status as Spinner
 from rich.table import Table
@@ -18,6 +19,10 @@ from .reporting import Progress, Reporter
 from .solution import Plan
 from .tables import MEASURES, ranks, signs
 
+COLUMNS = (
+    "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "tangent", "J_T", "psi_Z\ndeg",
+    "psi_Y\ndeg", "check\nmm",
+)  # fmt: skip
 LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
 
 
@@ -27,7 +32,7 @@ class Screen(Reporter):
     def __init__(self, console: Console, motion: Motion) -> None:
         self.console, self.motion = console, motion
         self.began = time.perf_counter()
-        self.activity = ""
+        self.shown = ""
         self.total = 0
         self.spinner: Spinner | None = None
 
@@ -55,13 +60,14 @@ class Screen(Reporter):
         seconds = time.perf_counter() - self.began
         if self.spinner is not None:
             self.spinner.update(
-                f"{progress.activity} | iteration {progress.iteration} | worst error "
-                f"{1e3 * progress.worst_error:.2f} mm | infeasibility "
-                f"{progress.infeasibility:.0e} | {self.total} iterations, {seconds:.1f} s"
+                f"{progress.stage}: {progress.detail} | iteration {progress.iteration} | "
+                f"worst error {1e3 * progress.worst_error:.2f} mm | infeasibility "
+                f"{progress.infeasibility:.0e} | {seconds:.1f} s"
             )
-        if progress.activity != self.activity:
-            self.activity = progress.activity
-            self.console.print(f"[dim]{seconds:6.1f} s  {progress.activity}[/]")
+        line = progress.stage if progress.first == progress.last else progress.detail
+        if line != self.shown:  # a line for all single steps together, one for each window
+            self.shown = line
+            self.console.print(f"[dim]{seconds:6.1f} s  {line}[/]")
 
     def note(self, text: str) -> None:
         """Show a sentence."""
@@ -69,31 +75,33 @@ class Screen(Reporter):
 
 
 def step_table(plan: Plan) -> Table:
-    """One row for each time step; for long motions the first and last of each phase."""
-    table = Table(title=f"{plan.motion.name}, {plan.mode}", caption=_caption(plan))
-    for name in ("step", "time s", "phase", "worst error mm", "mean mm", "direction", "J_T",
-                 "psi_Z deg", "psi_Y deg", "strongest muscle", "checked mm"):  # fmt: skip
-        left = name in ("phase", "strongest muscle")
-        table.add_column(name, justify="left" if left else "right")
+    """One row for each time step; for long motions the first and last of each phase.
+
+    Errors are those of the independently integrated shape; "check" is how far the planned
+    one is from it.
+    """
+    motion = plan.motion
+    table = Table(
+        title=f"{motion.name}, {plan.mode}",
+        caption=_caption(plan),
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    for name in COLUMNS:
+        table.add_column(name, justify="left" if name == "phase" else "right", no_wrap=True)
     for t in _shown(plan):
-        step, errors = plan.motion.steps[t], plan.errors[t]
-        strongest = int(np.argmin(plan.activations[t])) if plan.activations.size else -1
-        named = (
-            f"{plan.motion.trunk.muscles[strongest]} {plan.activations[t, strongest]:.2f}"
-            if strongest >= 0
-            else ""
-        )
+        step, errors = motion.steps[t], plan.errors[t]
         table.add_row(
             str(t + 1),
             f"{step.time:.3f}",
-            plan.motion.phases[step.phase].name,
+            motion.phases[step.phase].name,
             _number(errors.position, np.max, 1e3, ".2f"),
             _number(errors.position, np.mean, 1e3, ".2f"),
             _number(errors.direction, np.max, 1.0, ".4f"),
             f"{errors.paper:.4f}",
-            f"{np.degrees(plan.head[t, 0]):.2f}",
-            f"{np.degrees(plan.head[t, 1]):.2f}",
-            named,
+            f"{np.degrees(plan.head[t, 0]):.1f}",
+            f"{np.degrees(plan.head[t, 1]):.1f}",
             f"{1e3 * plan.verification.position_difference[t]:.4f}",
         )
     return table
@@ -101,8 +109,7 @@ def step_table(plan: Plan) -> Table:
 
 def _caption(plan: Plan) -> str:
     return (
-        f"J = {plan.objective.paper:.4f}; {plan.iterations} iterations in "
-        f"{plan.total_seconds:.1f} s; 'checked' is the distance to an independent integration"
+        f"J = {plan.objective.paper:.4f}, {plan.iterations} iterations, {plan.total_seconds:.1f} s"
     )
 
 
@@ -124,7 +131,7 @@ def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
 
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
     """Measures of two plans side by side."""
-    table = Table(title="sequential against horizon")
+    table = Table(title="sequential against horizon", box=SIMPLE_HEAD)
     table.add_column("measure")
     for mode in figures:
         table.add_column(mode, justify="right")
@@ -135,7 +142,7 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
 
 def sign_table(trunk: Trunk) -> Table:
     """The paper's Table 2."""
-    table = Table(title="Effect of a contraction (Table 2)")
+    table = Table(title="Effect of a contraction (Table 2)", box=SIMPLE_HEAD)
     for name in ("muscle", "side", *MEASURES, "isolated torsion"):
         table.add_column(name)
     words = {-1: "< 0", 0: "= 0", 1: "> 0", 2: "differs"}
@@ -147,7 +154,7 @@ def sign_table(trunk: Trunk) -> Table:
 
 def rank_table(trunk: Trunk) -> Table:
     """The paper's Table 3."""
-    table = Table(title="Muscles from strongest to weakest (Table 3)")
+    table = Table(title="Muscles from strongest to weakest (Table 3)", box=SIMPLE_HEAD)
     for name in ("segment", *MEASURES):
         table.add_column(name)
     for number, columns in enumerate(ranks(trunk), 1):

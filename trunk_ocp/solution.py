@@ -57,6 +57,13 @@ class Sample:
     shape: Shape
 
 
+def mode_of(lookahead: int, steps: int) -> str:
+    """Name of planning `lookahead` of `steps` time steps together."""
+    if lookahead == 1 and steps > 1:
+        return "sequential"
+    return "horizon" if lookahead >= steps else "receding"
+
+
 def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
     return tuple(
@@ -103,9 +110,7 @@ class Plan:
     @property
     def mode(self) -> str:
         """horizon, sequential or receding, by the lookahead."""
-        if self.lookahead == 1:
-            return "sequential"
-        return "horizon" if self.lookahead >= len(self.motion.steps) else "receding"
+        return mode_of(self.lookahead, len(self.motion.steps))
 
     @property
     def activations(self) -> np.ndarray:

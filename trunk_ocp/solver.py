@@ -68,11 +68,11 @@ class Optimiser:
         if self.linear_solver != "mumps":
             check_linear_solver(self.linear_solver)
 
-    def solve(self, window: Window, start: np.ndarray, activity: str) -> Outcome:
+    def solve(self, window: Window, start: np.ndarray, stage: str, detail: str) -> Outcome:
         """Minimise from a start vector; never raises for lack of convergence."""
         began = time.perf_counter()
         solver, watch = self._solver(window)
-        watch.attend(window, activity, self.reporter)
+        watch.attend(window, stage, detail, self.reporter)
         ready = time.perf_counter()
         result = solver(x0=start, p=window.programme.parameters, **window.bounds)
         stats = solver.stats()
@@ -127,8 +127,9 @@ class _Watch(ca.Callback):
         }
         self.construct("watch", {})
 
-    def attend(self, window: Window, activity: str, reporter: Reporter) -> None:
-        self._window, self._activity, self._reporter = window, activity, reporter
+    def attend(self, window: Window, stage: str, detail: str, reporter: Reporter) -> None:
+        self._window, self._reporter = window, reporter
+        self._stage, self._detail = stage, detail
         self._iteration = -1
 
     def get_n_in(self) -> int:
@@ -152,7 +153,8 @@ class _Watch(ca.Callback):
         full, g = np.asarray(arguments[0]).ravel(), np.asarray(arguments[2]).ravel()
         self._reporter.iteration(
             Progress(
-                self._activity,
+                self._stage,
+                self._detail,
                 window.offset + 1,
                 window.offset + len(window.tasks),
                 self._iteration,
