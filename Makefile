@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: venv motion test lint schema clean
+.PHONY: venv motion results test lint schema clean
 
 venv: $(READY)
 
@@ -19,6 +19,11 @@ test: venv
 
 motion: venv
 	$(BIN)/solve-motion pick-fruit
+
+# The committed results: all shipped motions, sequential and horizon.
+results: venv
+	for motion in lift-log lift-log-asymmetric pick-fruit; do \
+	  $(BIN)/solve-motion $$motion --mode both --out results/$$motion || exit 1; done
 
 lint: venv
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ from .errors import InputError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
+from .problem_file import problem_schema
 from .reporting import Progress, Reporter
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
@@ -37,6 +38,7 @@ __all__ = [
     "load_plan",
     "measure",
     "plan_motion",
+    "problem_schema",
     "save_plan",
     "solve_statics",
 ]

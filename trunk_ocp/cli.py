@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import click
 from rich.console import Console
@@ -20,7 +19,7 @@ from .comparison import compare
 from .errors import TrunkError
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
-from .problem_file import ProblemSpec
+from .problem_file import problem_schema
 from .reporting import Reporter
 from .screen import Screen, comparison_table, rank_table, sign_table, step_table
 from .solution import Plan, Status
@@ -187,14 +186,6 @@ def tables(anatomy: str) -> None:
 def schema() -> None:
     """Print the JSON Schema of problem files, for editors."""
     click.echo(json.dumps(problem_schema(), indent=2))
-
-
-def problem_schema() -> dict[str, Any]:
-    """JSON Schema of a problem file."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **ProblemSpec.model_json_schema(),
-    }
 
 
 main.add_command(solve)

@@ -7,7 +7,7 @@ editors is made from these classes.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
@@ -241,3 +241,11 @@ class ProblemSpec(Strict):
     bounds: BoundsSpec
     tolerance: ToleranceSpec = ToleranceSpec()
     phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1)]
+
+
+def problem_schema() -> dict[str, Any]:
+    """JSON Schema of a problem file, for editors."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **ProblemSpec.model_json_schema(),
+    }

@@ -85,7 +85,7 @@ def step_table(plan: Plan) -> Table:
         title=f"{motion.name}, {plan.mode}",
         caption=_caption(plan),
         box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
+        padding=0,
         pad_edge=False,
     )
     for name in COLUMNS:

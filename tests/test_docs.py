@@ -1,0 +1,28 @@
+"""What the documentation shows must work as shown."""
+
+import re
+from pathlib import Path
+
+import trunk_ocp as to
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_the_documented_motion_is_solved(tmp_path):
+    text = (ROOT / "docs" / "new-motion.md").read_text()
+    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    path = tmp_path / "scratch.toml"
+    path.write_text(block)
+    plan = to.plan_motion(to.load_motion(path))
+    assert plan.status is to.Status.SOLVED
+    assert len(plan.x) == 6
+
+
+def test_the_documented_keys_are_those_of_the_format():
+    text = (ROOT / "docs" / "new-motion.md").read_text()
+    schema = to.problem_schema()
+    known = {key for part in schema["$defs"].values() for key in part["properties"]}
+    known |= set(schema["properties"])
+    shown = {key for key in known if f"`{key}`" in text or f"{key} =" in text or f"{key}," in text}
+    missing = known - shown - {"phases", "targets", "wrap", "loads"}
+    assert not missing
