@@ -6,58 +6,24 @@ import fnmatch
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from .anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from .errors import InputError
-from .loads import Loads, Vector, vector
+from .loads import Loads, vector
 from .problem_file import (
     ChangeSpec,
-    HeldSpec,
     LimitsSpec,
     LoadsSpec,
     PhaseSpec,
     ProblemSpec,
-    TargetSpec,
-    WrapSpec,
 )
 from .reading import read_toml, shipped
 from .statics import solve_statics
+from .targets import Held, Target, check_earlier, phase_targets
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
-
-
-@dataclass(frozen=True)
-class Held:
-    """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
-
-    step: int
-    Z: float
-    director: int
-
-
-Direction = Vector | Held
-
-
-@dataclass(frozen=True)
-class Target:
-    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights."""
-
-    Z: float
-    position: Vector | None
-    position_weight: float
-    directions: tuple[Direction | None, Direction | None, Direction | None]
-    direction_weights: Vector
-
-    def pairs(self) -> list[tuple[int, Direction, float]]:
-        """The directors that count: (index, desired direction, weight)."""
-        return [
-            (j, d, w)
-            for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
-            if d is not None and w > 0
-        ]
 
 
 @dataclass(frozen=True)
@@ -231,7 +197,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                     time=start + phase.duration * i / phase.steps,
                     duration=phase.duration / phase.steps,
                     phase=number,
-                    targets=_targets(phase, i, trunk, origins, first, where),
+                    targets=phase_targets(phase, i, trunk, origins, first, where),
                     loads=_loads(phase.loads, spec.gravity, trunk, where),
                     pull=_pull(phase.loads, i / phase.steps, trunk, first, where),
                     box=box,
@@ -295,72 +261,6 @@ def _auxiliary(phase: PhaseSpec) -> Auxiliary | None:
     )
 
 
-def _targets(
-    phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
-) -> tuple[Target, ...]:
-    """Targets of step i of a phase, with numbers in place of paths and arcs."""
-    targets = [
-        _point(spec, i / phase.steps, trunk, origins, step, f"{where}.targets[{n}]")
-        for n, spec in enumerate(phase.targets, 1)
-    ]
-    if phase.wrap is not None:
-        _check_on_trunk(phase.wrap.Z[1], trunk, f"{where}.wrap.Z")
-        targets += _arc(phase.wrap, i / phase.steps, trunk, origins)
-    return tuple(targets)
-
-
-def _point(
-    spec: TargetSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
-) -> Target:
-    _check_on_trunk(spec.Z, trunk, f"{where}.Z")
-    position = None
-    if spec.path is not None:
-        position = vector(origins[spec.origin] + _bezier(spec.path, t))
-    elif spec.position is not None:
-        position = vector(origins[spec.origin] + np.asarray(spec.position))
-    directions: list[Direction | None] = []
-    for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
-        if isinstance(wanted, HeldSpec):
-            _check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
-        else:
-            directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
-    weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
-    return Target(
-        spec.Z,
-        position,
-        spec.position_weight,
-        (directions[0], directions[1], directions[2]),
-        weights,
-    )
-
-
-def _arc(spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]) -> list[Target]:
-    """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
-    center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
-    Z = np.linspace(*spec.Z, spec.points)
-    theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
-    theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
-    distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
-    points = (
-        origins[spec.origin]
-        + center
-        + distance[:, None]
-        * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
-    )
-    chords = np.diff(points, axis=0)
-    return [
-        Target(
-            float(Z[p]),
-            vector(points[p]),
-            spec.position_weights[p],
-            (None, None, vector(_unit(chords[p]))),
-            (0.0, 0.0, spec.d3_weights[p]),
-        )
-        for p in range(spec.points)
-    ]
-
-
 def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
     """Loads of a phase; a log's weight and couple follow from its size (eq. 54)."""
     tip = np.asarray(spec.tip_force) + np.array([0.0, 0, spec.tip_mass * gravity])
@@ -384,7 +284,7 @@ def _pull(
     if spec.pull is None:
         return None
     pull = spec.pull
-    _check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
+    check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
     held = Held(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
     return pull.force * (t if pull.ramp else 1.0), held
 
@@ -396,27 +296,3 @@ def _one_contact(steps: list[Step]) -> None:
             f"phases: contact starts at {sorted(starts, key=str)} m in different phases; expected "
             "one place for the whole motion."
         )
-
-
-def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
-    if not 0 <= Z <= trunk.length:
-        raise InputError(
-            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
-        )
-
-
-def _check_earlier(number: int, step: int, where: str) -> None:
-    if number > step:
-        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {step}.")
-
-
-def _bezier(points: Any, t: float) -> np.ndarray:
-    """Point of a Bezier curve (eq. 53, whose first coefficient must read (1 - t)^2)."""
-    layer = np.asarray(points, dtype=float)
-    while len(layer) > 1:  # de Casteljau
-        layer = (1 - t) * layer[:-1] + t * layer[1:]
-    return layer[0]
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.linalg.norm(v)

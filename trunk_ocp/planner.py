@@ -17,11 +17,12 @@ import numpy as np
 from .collocation import Mesh, mesh_for
 from .errors import InputError, StaticsError
 from .loads import Loads
-from .motion import Box, Held, Motion, Step, allowed
+from .motion import Box, Motion, Step, allowed
 from .reporting import Reporter
 from .solution import Plan, loads_of, mode_of
 from .solver import Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
+from .targets import Held
 from .transcription import Task, Weights, Window
 
 FEASIBLE = 1e-6

@@ -12,8 +12,9 @@ import numpy as np
 from .collocation import Mesh
 from .interpolation import interpolate
 from .loads import Loads, vector
-from .motion import Held, Motion
+from .motion import Motion
 from .statics import Shape, solve_statics
+from .targets import Held
 from .transcription import Weights
 from .verification import Verification, verify
 

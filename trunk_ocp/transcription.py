@@ -11,22 +11,30 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from .activation import segment_at, segment_fractions, strain_matrix, strains
-from .anatomy import Trunk
 from .assembly import Assembly
 from .collocation import Mesh, gauss
-from .head import base_pose
 from .loads import Loads
-from .motion import Box, Held, Motion, Target
-from .rod import RATES, STATES, point_parameters, rates
-from .rotations import directors
+from .motion import Box, Motion
+from .rod import RATES, STATES, point_parameters
 from .separable import Programme
 from .statics import Shape
+from .targets import Held, Target
+from .terms import (
+    base,
+    director,
+    scaled_rates,
+    scaled_vector,
+    square,
+    squared_change,
+    squared_direction,
+    squared_distance,
+    squared_held_direction,
+)
 
 
 @dataclass(frozen=True)
@@ -165,7 +173,7 @@ class Window:
         rows = add.rows(7)
         add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
         add.term(
-            _base(self.motion.trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0
+            base(self.motion.trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0
         )
 
     def _point_variables(
@@ -243,7 +251,7 @@ class Window:
             for i in range(4)
         )
         add.term(
-            _scaled_rates(self.length, self.moment),
+            scaled_rates(self.length, self.moment),
             variables.reshape(E * d, -1).T,
             point_parameters(trunk, loads, mesh.points.ravel()),
             output,
@@ -272,7 +280,7 @@ class Window:
             add.linear(rows, D)
             q = unknowns.points[reference.Z][0]
             add.term(
-                _director(reference.director),
+                director(reference.director),
                 q[:, None],
                 np.zeros((0, 1)),
                 np.arange(3),
@@ -296,7 +304,7 @@ class Window:
                 add.linear(rows, u.tip_force)
                 strength = np.array([[-task.pull[0] / self.force]])
                 D = self.held[task.pull[1]]
-                add.term(_scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
+                add.term(scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
             change = task.change
             limited = np.flatnonzero(np.isfinite(change.lower) | np.isfinite(change.upper))
             rows = add.rows(limited.size, lower=change.lower[limited], upper=change.upper[limited])
@@ -322,22 +330,22 @@ class Window:
                     else:
                         goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
                         fixed.setdefault(j, []).append((q, np.append(goal, weight)))
-        self._cost(_squared_distance(self.length), positions)
+        self._cost(squared_distance(self.length), positions)
         for j in sorted(fixed):
-            self._cost(_squared_direction(j), fixed[j])
+            self._cost(squared_direction(j), fixed[j])
         for j in sorted(moving):
-            self._cost(_squared_held_direction(j), moving[j])
+            self._cost(squared_held_direction(j), moving[j])
         self._structure += [len(positions), *((j, len(fixed[j])) for j in sorted(fixed))]
         self._structure += [(-1 - j, len(moving[j])) for j in sorted(moving)]
 
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         self._assembly.cost(
-            _square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
+            square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
         )
         per_second = np.array([[weights.rate / task.duration] for task in self.tasks])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
         self._assembly.cost(
-            _squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
+            squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
         )
 
     def _cost(self, function: ca.Function, places: list[tuple[np.ndarray, np.ndarray]]) -> None:
@@ -415,69 +423,3 @@ class Window:
     def tip_forces_of(self, full: np.ndarray) -> np.ndarray:
         """Tip force V of the steps, (H, 3) N."""
         return np.stack([full[u.tip_force] * self.force for u in self.unknowns])
-
-
-@cache
-def _scaled_rates(length: float, moment: float) -> ca.Function:
-    """`rates` in units of the transcription: L, and E I(0) / L for moments."""
-    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
-    to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
-    to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
-    return ca.Function("rates", [w, p], [to_units * rates()(to_si * w, p)])
-
-
-@cache
-def _base(trunk: Trunk) -> ca.Function:
-    """Base position in units of L, and orientation, from the head angles."""
-    psi = ca.SX.sym("psi", 2)
-    r, q = base_pose(trunk.head, psi[0], psi[1])
-    pose = ca.vertcat(*(x / trunk.length for x in r), *q)
-    return ca.Function("base", [psi, ca.SX.sym("p", 0)], [pose])
-
-
-@cache
-def _director(j: int) -> ca.Function:
-    q = ca.SX.sym("q", 4)
-    return ca.Function("director", [q, ca.SX.sym("p", 0)], [ca.vertcat(*_d(q, j))])
-
-
-def _d(q: ca.SX, j: int) -> tuple[ca.SX, ...]:
-    return directors(ca.vertsplit(q))[j]
-
-
-@cache
-def _scaled_vector() -> ca.Function:
-    D, p = ca.SX.sym("D", 3), ca.SX.sym("p")
-    return ca.Function("scaled_vector", [D, p], [p * D])
-
-
-@cache
-def _squared_distance(length: float) -> ca.Function:
-    r, p = ca.SX.sym("r", 3), ca.SX.sym("p", 4)
-    return ca.Function("squared_distance", [r, p], [p[3] * ca.sumsqr(length * r - p[:3])])
-
-
-@cache
-def _squared_direction(j: int) -> ca.Function:
-    q, p = ca.SX.sym("q", 4), ca.SX.sym("p", 4)
-    difference = ca.vertcat(*_d(q, j)) - p[:3]
-    return ca.Function("squared_direction", [q, p], [p[3] * ca.sumsqr(difference)])
-
-
-@cache
-def _squared_held_direction(j: int) -> ca.Function:
-    w, p = ca.SX.sym("w", 7), ca.SX.sym("p")
-    difference = ca.vertcat(*_d(w[:4], j)) - w[4:]
-    return ca.Function("squared_held_direction", [w, p], [p * ca.sumsqr(difference)])
-
-
-@cache
-def _square() -> ca.Function:
-    x, p = ca.SX.sym("x"), ca.SX.sym("p")
-    return ca.Function("square", [x, p], [p * x**2])
-
-
-@cache
-def _squared_change() -> ca.Function:
-    x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
-    return ca.Function("squared_change", [x, p], [p * (x[1] - x[0]) ** 2])

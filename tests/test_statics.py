@@ -1,0 +1,223 @@
+"""Loaded shapes of the trunk: an independent integrator, balance, symmetry, limits, errors."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import reference
+from scipy.spatial.transform import Rotation
+
+from trunk_ocp import statics
+from trunk_ocp.collocation import Mesh, mesh_for
+from trunk_ocp.errors import InputError, StaticsError, TrunkError
+from trunk_ocp.loads import Loads
+from trunk_ocp.statics import solve_statics
+from trunk_ocp.unloaded import unloaded_states
+
+EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), 1.4, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
+REST = np.zeros(28)
+
+
+def heads(count, seed):
+    return np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 2))
+
+
+def test_the_passive_trunk_hangs_where_the_design_notes_say(trunk):
+    shape = solve_statics(trunk, REST, mesh=mesh_for(trunk, elements=12, degree=8))
+    tip = shape.position([trunk.length])[0]
+    # Each figure as printed: half a unit in its last digit, or one where it was rounded.
+    np.testing.assert_allclose(tip, (0.6720968, 0, 1.6202937), rtol=0, atol=1e-7)
+    assert shape.moment([0.0])[0] == pytest.approx((0, -284.972715, 0), abs=1e-6)
+    d3 = shape.directors([trunk.length])[0, 2]
+    np.testing.assert_allclose(d3, (0.312892, 0, 0.949789), rtol=0, atol=1e-6)
+
+
+# The default mesh promises 1e-5 m; on twice its elements and degree 8, 2 d = 16 leaves only
+# the integrator's 1e-11 a step and Newton's last step (1e-9 relative, squared).
+@pytest.mark.parametrize(("fine", "tolerance"), [(True, 1e-8), (False, 1e-5)])
+def test_a_runge_kutta_code_started_from_the_base_moment_finds_the_same_shape(
+    trunk, draw, fine, tolerance
+):
+    activation, psi, Z = draw(trunk, 20, seed=40), heads(20, 41), np.linspace(0, 1.75, 15)
+    mesh = mesh_for(trunk, 1.4, elements=12, degree=8) if fine else None
+    shape = solve_statics(trunk, activation, psi, EVERYTHING, mesh)
+    r, d, m = reference.march(
+        trunk, activation, psi, [EVERYTHING] * 20, shape.moment([0.0])[:, 0], Z
+    )
+    assert np.linalg.norm(shape.position(Z) - r, axis=2).max() <= tolerance
+    # The directors' scale is 1, not the trunk's 1.75 m; moments are hundreds of N m, and
+    # inside an element states are of order d + 1 only.
+    assert np.abs(shape.directors(Z) - d).max() <= 10 * tolerance
+    assert np.abs(m[:, -1]).max() <= 1e4 * tolerance  # the tip is free: m(L) = 0
+
+
+def test_the_free_tip_carries_no_moment(trunk, draw):
+    shape = solve_statics(trunk, draw(trunk, 5, seed=42), heads(5, 43), EVERYTHING)
+    assert np.abs(shape.moment([trunk.length])).max() < 1e-7  # of some 300 N m at the base
+
+
+def test_the_base_moment_balances_every_load(trunk, draw):
+    activation, psi = draw(trunk, 4, seed=44), heads(4, 45)
+    shape = solve_statics(trunk, activation, psi, EVERYTHING, mesh_for(trunk, 1.4, 12, 8))
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    moment = np.zeros((4, 3))
+    r0 = shape.position([0.0])
+    for start, end in zip(shape.mesh.edges[:-1], shape.mesh.edges[1:], strict=True):
+        Z = (start + end) / 2 + (end - start) / 2 * nodes
+        R = trunk.base_radius - Z * trunk.tan_taper
+        force = np.outer(1059.7 * math.pi * R**2, [0, 0, 9.8])  # per metre
+        if start >= 1.4:
+            force = force + np.array(EVERYTHING.contact_force) / 0.35
+        arm = shape.position(Z) - r0
+        moment += (end - start) / 2 * np.einsum("n,bni->bi", weights, np.cross(arm, force))
+    tip = (shape.position([trunk.length]) - r0)[:, 0]
+    moment += np.cross(tip, EVERYTHING.tip_force) + EVERYTHING.contact_couple
+    in_space = np.einsum("bi,bij->bj", shape.moment([0.0])[:, 0], shape.directors([0.0])[:, 0])
+    # Positions to 1e-8 m times 1.5 kN.
+    np.testing.assert_allclose(in_space, moment, rtol=0, atol=1e-5)
+
+
+def test_without_loads_the_shape_is_the_closed_form(trunk, draw):
+    activation, psi, Z = draw(trunk, 5, seed=46), heads(5, 47), np.linspace(0, 1.75, 20)
+    shape = solve_statics(trunk, activation, psi, Loads(0.0), mesh_for(trunk, elements=12, degree=8))
+    expected, _ = unloaded_states(trunk, activation, psi, Z)
+    np.testing.assert_allclose(shape.position(Z), expected, rtol=0, atol=1e-9)
+    assert np.abs(shape.moment(Z)).max() < 1e-9
+
+
+def test_the_shape_starts_at_the_clamp(trunk, draw):
+    psi = (0.3, -0.2)
+    shape = solve_statics(trunk, draw(trunk, 1, seed=48)[0], psi, EVERYTHING)
+    r0, d0 = reference.base(trunk, psi)
+    np.testing.assert_allclose(shape.position([0.0])[0], r0, atol=1e-14)
+    np.testing.assert_allclose(shape.directors([0.0])[0], d0, atol=1e-14)
+
+
+def test_mirrored_activation_head_and_loads_mirror_the_shape(trunk, draw):
+    activation, (psi_z, psi_y), Z = draw(trunk, 1, seed=49)[0], (0.4, 0.2), np.linspace(0, 1.75, 9)
+    mirrored = Loads(9.8, (20.0, 30.0, 40.0), 1.4, (10.0, -20.0, 100.0), (60.0, 20.0, -10.0))
+    shape = solve_statics(trunk, activation, (psi_z, psi_y), EVERYTHING)
+    image = solve_statics(trunk, np.roll(activation, 14), (-psi_z, psi_y), mirrored)
+    # Newton's last step and the 2 pi of the left sectors.
+    np.testing.assert_allclose(image.position(Z), shape.position(Z) * [1, -1, 1], atol=1e-11)
+
+
+def test_a_turn_of_head_and_loads_about_the_vertical_turns_the_shape(build):
+    rod, turn = build(taper_deg=1.0), Rotation.from_euler("Z", 0.7)
+    force, Z = np.array([2.0, 1.0, -1.0]), np.linspace(0, 1, 9)
+    shape = solve_statics(rod, np.zeros(0), (0.0, 0.9), Loads(9.8, tuple(force)))
+    turned = solve_statics(rod, np.zeros(0), (0.7, 0.9), Loads(9.8, tuple(turn.apply(force))))
+    np.testing.assert_allclose(turned.position(Z), turn.apply(shape.position(Z)), atol=1e-11)
+
+
+def test_directions_that_change_no_strain_change_no_loaded_shape(trunk, draw):
+    activation, Z = draw(trunk, 1, seed=50)[0], np.linspace(0, 1.75, 9)
+    _, _, rows = np.linalg.svd(reference.strain_matrix(trunk).reshape(12, 28))
+    other = activation + np.random.default_rng(51).normal(size=16) @ rows[12:]
+    one, two = (solve_statics(trunk, gamma, loads=EVERYTHING) for gamma in (activation, other))
+    np.testing.assert_allclose(one.position(Z), two.position(Z), atol=1e-10)
+
+
+def test_a_batch_is_its_members(trunk, draw):
+    activation, psi, Z = draw(trunk, 6, seed=52).reshape(2, 3, 28), heads(3, 53), [0.5, 1.75]
+    loads = [dataclasses.replace(EVERYTHING, gravity=g) for g in (9.8, 5.0, 0.0)]
+    for given in (EVERYTHING, loads):
+        batch = solve_statics(trunk, activation, psi, given)
+        assert batch.position(Z).shape == (2, 3, 2, 3)
+        assert batch.directors(Z).shape == (2, 3, 2, 3, 3)
+        assert batch.moment(Z).shape == (2, 3, 2, 3)
+        for i, j in np.ndindex(2, 3):
+            load = given if given is EVERYTHING else given[j]
+            one = solve_statics(trunk, activation[i, j], psi[j], load)
+            np.testing.assert_allclose(batch.position(Z)[i, j], one.position(Z), atol=1e-11)
+            np.testing.assert_allclose(batch.moment(Z)[i, j], one.moment(Z), atol=1e-7)
+
+
+def test_contact_regions_may_differ_on_a_mesh_that_serves_all(trunk):
+    edges = sorted({*mesh_for(trunk, 1.0).edges, *mesh_for(trunk, 1.4).edges})
+    loads = [Loads(contact_from=at, contact_force=(0, 0, 100.0)) for at in (1.0, 1.4)]
+    batch = solve_statics(trunk, REST, loads=loads, mesh=Mesh(tuple(edges), 6))
+    for tip, load in zip(batch.position([1.75])[:, 0], loads, strict=True):
+        one = solve_statics(trunk, REST, loads=load)
+        np.testing.assert_allclose(tip, one.position([1.75])[0], atol=1e-6)  # two meshes
+
+
+def test_a_load_too_far_for_plain_newton_is_reached_in_steps(trunk, monkeypatch):
+    load, Z = Loads(tip_force=(0.0, 0.0, -2000.0)), np.linspace(0, 1.75, 9)  # pushed up
+    steps = []
+    honest = statics._Problem.continuation  # the only seam between Newton and continuation
+    monkeypatch.setattr(
+        statics._Problem, "continuation", lambda self: steps.append(1) or honest(self)
+    )
+    shape = solve_statics(trunk, np.stack([REST, REST]), loads=[Loads(), load])
+    assert len(steps) == 1  # plain Newton failed for the second rod only
+    r, _, m = reference.march(trunk, REST, (0, 0), [load], shape.moment([0.0])[1, 0], Z)
+    np.testing.assert_allclose(shape.position(Z)[1], r[0], atol=1e-5)
+    assert np.abs(m[0, -1]).max() < 0.1  # of 3 kN m
+    np.testing.assert_allclose(
+        shape.position([1.75])[0, 0], (0.6720968, 0, 1.6202937), atol=1e-6
+    )  # its neighbour is undisturbed
+
+
+def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):
+    # 29 kN m on a tip of K = 30 N m^2 asks for a coil of hundreds of turns.
+    load = Loads(contact_from=1.4, contact_couple=(2e4, 2e4, 7e3))
+    with pytest.raises(StaticsError, match=r"no equilibrium found beyond .* % of the load") as caught:
+        solve_statics(trunk, REST, loads=load)
+    reached = caught.value.load_fraction
+    assert 0 < reached < 1
+    assert f"{100 * reached:.1f} %" in str(caught.value)
+
+
+def test_without_any_convergence_the_load_fraction_is_zero(trunk, monkeypatch):
+    monkeypatch.setattr(statics, "MAX_ITERATIONS", 1)
+    with pytest.raises(StaticsError) as caught:
+        solve_statics(trunk, REST)
+    assert caught.value.load_fraction == 0.0
+
+
+def test_a_singular_newton_step_is_not_a_crash(trunk):
+    # Heavy weight and a push from below on a trunk of 10 kPa: a Newton matrix is singular.
+    soft = dataclasses.replace(trunk, youngs_modulus=1e4)
+    load = Loads(tip_force=(0.0, 0.0, -1000.0))
+    try:
+        shape = solve_statics(soft, REST, loads=load)
+    except TrunkError as error:
+        assert isinstance(error, StaticsError)
+    else:
+        assert np.isfinite(shape.position([1.75])).all()
+
+
+# Argument, its bad value, and words the message must have.
+BAD = {
+    "too few muscles": ({"activation": np.zeros(27)}, "activation.*28"),
+    "activation is nan": ({"activation": np.full(28, math.nan)}, "activation.*finite"),
+    "activation collapses": ({"activation": np.full(28, -5.0)}, "extension must stay above 0"),
+    "three head angles": ({"head": (0.0, 0.0, 0.0)}, "head.*psi_Z, psi_Y"),
+    "head is nan": ({"head": (math.nan, 0.0)}, "head.*finite"),
+    "contact beyond the tip": ({"loads": Loads(contact_from=1.75)}, "contact_from"),
+    "contact far beyond the tip": ({"loads": Loads(contact_from=5.0)}, "contact_from"),
+    "contact before the base": ({"loads": Loads(contact_from=-0.1)}, "contact_from"),
+    "no loads": ({"loads": []}, "loads"),
+    "two contact regions": ({"loads": [Loads(), Loads(contact_from=1.0)]}, "share one contact_from"),
+    "3 loads, 2 shapes": ({"activation": np.zeros((2, 28)), "loads": [Loads()] * 3}, "loads"),
+    "3 heads, 2 shapes": ({"activation": np.zeros((2, 28)), "head": np.zeros((3, 2))}, "head"),
+    "mesh of another rod": ({"mesh": Mesh((0.0, 1.0), 4)}, "mesh"),
+    "mesh without the jumps": ({"mesh": Mesh((0.0, 1.75), 4)}, "mesh"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_argument_is_named(trunk, case):
+    arguments, message = BAD[case]
+    with pytest.raises(InputError, match=message):
+        solve_statics(trunk, **({"activation": REST} | arguments))
+
+
+@pytest.mark.parametrize("Z", [-1e-6, 1.7501, math.nan, math.inf])
+@pytest.mark.parametrize("what", ["position", "directors", "moment"])
+def test_a_point_off_the_trunk_is_refused(trunk, Z, what):
+    shape = solve_statics(trunk, REST)
+    with pytest.raises(InputError, match=r"expected 0 <= Z <= L = 1\.75 m"):
+        getattr(shape, what)([0.5, Z])

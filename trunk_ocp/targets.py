@@ -1,0 +1,135 @@
+"""Where points of the trunk should be at a time step (eqs. 41-53)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .anatomy import Trunk
+from .errors import InputError
+from .loads import Vector, vector
+from .problem_file import HeldSpec, PhaseSpec, TargetSpec, Vec3, WrapSpec
+
+
+@dataclass(frozen=True)
+class Held:
+    """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
+
+    step: int
+    Z: float
+    director: int
+
+
+Direction = Vector | Held
+
+
+@dataclass(frozen=True)
+class Target:
+    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights."""
+
+    Z: float
+    position: Vector | None
+    position_weight: float
+    directions: tuple[Direction | None, Direction | None, Direction | None]
+    direction_weights: Vector
+
+    def pairs(self) -> list[tuple[int, Direction, float]]:
+        """The directors that count: (index, desired direction, weight)."""
+        return [
+            (j, d, w)
+            for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
+            if d is not None and w > 0
+        ]
+
+
+def phase_targets(
+    phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+) -> tuple[Target, ...]:
+    """Targets of step i of a phase, with numbers in place of paths and arcs."""
+    targets = [
+        _point(spec, i / phase.steps, trunk, origins, step, f"{where}.targets[{n}]")
+        for n, spec in enumerate(phase.targets, 1)
+    ]
+    if phase.wrap is not None:
+        _check_on_trunk(phase.wrap.Z[1], trunk, f"{where}.wrap.Z")
+        targets += _arc(phase.wrap, i / phase.steps, trunk, origins)
+    return tuple(targets)
+
+
+def _point(
+    spec: TargetSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+) -> Target:
+    _check_on_trunk(spec.Z, trunk, f"{where}.Z")
+    position = None
+    if spec.path is not None:
+        position = vector(origins[spec.origin] + _bezier(spec.path, t))
+    elif spec.position is not None:
+        position = vector(origins[spec.origin] + np.asarray(spec.position))
+    directions: list[Direction | None] = []
+    for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
+        if isinstance(wanted, HeldSpec):
+            check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
+            directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
+        else:
+            directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
+    weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
+    return Target(
+        spec.Z,
+        position,
+        spec.position_weight,
+        (directions[0], directions[1], directions[2]),
+        weights,
+    )
+
+
+def _arc(spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]) -> list[Target]:
+    """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
+    center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
+    Z = np.linspace(*spec.Z, spec.points)
+    theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
+    theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
+    distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
+    points = (
+        origins[spec.origin]
+        + center
+        + distance[:, None]
+        * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
+    )
+    chords = np.diff(points, axis=0)
+    return [
+        Target(
+            float(Z[p]),
+            vector(points[p]),
+            spec.position_weights[p],
+            (None, None, vector(_unit(chords[p]))),
+            (0.0, 0.0, spec.d3_weights[p]),
+        )
+        for p in range(spec.points)
+    ]
+
+
+def _bezier(points: Sequence[Vec3], t: float) -> np.ndarray:
+    """Point of a Bezier curve (eq. 53, whose first coefficient must read (1 - t)^2)."""
+    layer = np.asarray(points, dtype=float)
+    while len(layer) > 1:  # de Casteljau
+        layer = (1 - t) * layer[:-1] + t * layer[1:]
+    return layer[0]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
+    if not 0 <= Z <= trunk.length:
+        raise InputError(
+            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
+        )
+
+
+def check_earlier(number: int, step: int, where: str) -> None:
+    """Raise InputError unless time step `number` (from 1) comes before step `step` (from 0)."""
+    if number > step:
+        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {step}.")
