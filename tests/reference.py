@@ -7,6 +7,7 @@ quadrature (the package uses a Gauss rule), and the rod is integrated by a Runge
 
 import math
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad, solve_ivp
@@ -28,7 +29,9 @@ def fibre_angles(trunk, muscle, R, Z):
         - sin_a**2 * (sin_b**2 * math.cos(2 * phi) + cos_b**2)
         + cos_a**2 * math.cos(2 * phi)
     )
-    cos_beta_sin_2_alpha = 2 * sin_a * cos_b * (sin_a * sin_b * math.sin(phi) + cos_a * math.cos(phi))
+    cos_beta_sin_2_alpha = (
+        2 * sin_a * cos_b * (sin_a * sin_b * math.sin(phi) + cos_a * math.cos(phi))
+    )
     return cos_2_alpha, cos_beta_sin_2_alpha
 
 
@@ -99,14 +102,15 @@ def slope(trunk, strain, segment, touching, loads):
             # Stiffness of the activated shape: radius scaled by 1 / sqrt(mean), eq. (30).
             star = radius / math.sqrt(mean[rod])
             K0, K1 = E * math.pi * star**2, E * math.pi / 4 * star**4
-            force = np.asarray(load.tip_force) + [0, 0, load.gravity * weight_beyond(trunk, Z)]
+            weight = np.array([0, 0, load.gravity * weight_beyond(trunk, Z)])
+            force = np.asarray(load.tip_force) + weight
             couple = np.zeros(3)
             if load.contact_from is not None:
                 Z_w = load.contact_from
                 force = force + (L - max(Z, Z_w)) / (L - Z_w) * np.asarray(load.contact_force)
                 if touching:
                     couple = np.asarray(load.contact_couple) / (L - Z_w)
-            n, l, d = frame[rod] @ force, frame[rod] @ couple, frame[rod]
+            n, couple_in, d = frame[rod] @ force, frame[rod] @ couple, frame[rod]
             zeta_hat, m_rod = extension[rod], m[rod]
             zeta = zeta_hat * (1 + n[2] / K0)
             u = c[rod] * trunk.base_radius / radius + m_rod / [K1, K1, K1 / (1 + nu)]
@@ -115,9 +119,9 @@ def slope(trunk, strain, segment, touching, loads):
             rates[rod, :3] = zeta * d[2]
             darboux = u @ d  # in space axes
             rates[rod, 3:12] = zeta_hat * np.concatenate([np.cross(darboux, row) for row in d])
-            rates[rod, 12] = zeta_hat * (u3 * m2 - u2 * m3) + zeta * n[1] - l[0]
-            rates[rod, 13] = zeta_hat * (u1 * m3 - u3 * m1) - zeta * n[0] - l[1]
-            rates[rod, 14] = zeta_hat * (u2 * m1 - u1 * m2) - l[2]
+            rates[rod, 12] = zeta_hat * (u3 * m2 - u2 * m3) + zeta * n[1] - couple_in[0]
+            rates[rod, 13] = zeta_hat * (u1 * m3 - u3 * m1) - zeta * n[0] - couple_in[1]
+            rates[rod, 14] = zeta_hat * (u2 * m1 - u1 * m2) - couple_in[2]
         return rates.ravel()
 
     return right
@@ -131,19 +135,25 @@ def march(trunk, activation, head, loads, moment, Z, method="DOP853", rtol=1e-11
     activation, head, moment = np.atleast_2d(activation), np.atleast_2d(head), np.atleast_2d(moment)
     strain, Z = strains(trunk, activation), np.asarray(Z, dtype=float)
     start = [base(trunk, psi) for psi in head]
-    y = np.array([np.concatenate([r, d.ravel(), m]) for (r, d), m in zip(start, moment, strict=True)])
+    y = np.array([[*r, *d.ravel(), *m] for (r, d), m in zip(start, moment, strict=True)])
     Z_w = loads[0].contact_from
     jumps = sorted({*trunk.edges, *([] if Z_w is None else [Z_w])})
     out = np.empty((Z.size, len(y), 15))
     out[Z <= 0] = y
-    for left, right in zip(jumps[:-1], jumps[1:], strict=True):
+    for left, right in pairwise(jumps):
         inside = (Z > left) & (Z <= right)
         segment = int(np.searchsorted(trunk.edges, left, side="right")) - 1
         touching = Z_w is not None and left >= Z_w
         rhs = slope(trunk, strain, segment, touching, loads)
         stops = np.append(Z[inside], right)
         path = solve_ivp(
-            rhs, (left, right), y.ravel(), method=method, t_eval=np.unique(stops), rtol=rtol, atol=atol
+            rhs,
+            (left, right),
+            y.ravel(),
+            method=method,
+            t_eval=np.unique(stops),
+            rtol=rtol,
+            atol=atol,
         )
         assert path.success, path.message
         y = path.y[:, -1].reshape(-1, 15)

@@ -102,7 +102,8 @@ def test_order_is_2d_at_the_edges_and_d_plus_1_inside(smooth, degree, meshes, pl
     rod, load, gamma, psi, Z, (r, d, m) = smooth
     errors = {"position": [], "directors": [], "moment": []}
     for elements in meshes:
-        shape = solve_statics(rod, gamma, psi, load, Mesh(tuple(np.linspace(0, 1, elements + 1)), degree))
+        mesh = Mesh(tuple(np.linspace(0, 1, elements + 1)), degree)
+        shape = solve_statics(rod, gamma, psi, load, mesh)
         at_edges = np.isclose(Z * elements, np.round(Z * elements))
         here = at_edges if place == "edges" else ~at_edges
         for name, expected in (("position", r[0]), ("directors", d[0]), ("moment", m[0])):
@@ -143,7 +144,8 @@ def test_elements_between_two_jumps_are_equally_long_in_local_radii(trunk):
 
 
 def test_without_taper_elements_are_equally_long(build):
-    np.testing.assert_allclose(mesh_for(build(), elements=5).edges, np.linspace(0, 1, 6), atol=1e-15)
+    edges = mesh_for(build(), elements=5).edges
+    np.testing.assert_allclose(edges, np.linspace(0, 1, 6), atol=1e-15)
 
 
 def test_a_point_is_located_in_the_element_that_it_ends():

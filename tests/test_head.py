@@ -62,5 +62,6 @@ def test_poses_come_in_batches(trunk):
     r, q = base_pose(trunk.head, psi[:, 0], psi[:, 1])
     for index, angles in enumerate(ANGLES):
         one, _, quaternion = pose(trunk.head, angles)
-        np.testing.assert_allclose([np.broadcast_to(x, 5)[index] for x in r], one, atol=ROUND_OFF)
-        np.testing.assert_allclose([np.broadcast_to(x, 5)[index] for x in q], quaternion, atol=1e-15)
+        r_at, q_at = ([np.broadcast_to(x, 5)[index] for x in part] for part in (r, q))
+        np.testing.assert_allclose(r_at, one, atol=ROUND_OFF)
+        np.testing.assert_allclose(q_at, quaternion, atol=ROUND_OFF)

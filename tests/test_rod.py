@@ -38,7 +38,9 @@ def written_out(w, p):
     l1, l2, l3 = (np.sum(couple * d) for d in (d1, d2, d3))
     # R_0* = R_0 / sqrt(mean): K_0 goes with R^2, the others with R^4.
     zeta = zeta_hat * (1 + n3 / (K0 / mean))
-    u1, u2, u3 = (c / f + m / (K / mean**2) for c, m, K in ((c1, m1, K1), (c2, m2, K2), (c3, m3, K3)))
+    u1 = c1 / f + m1 / (K1 / mean**2)
+    u2 = c2 / f + m2 / (K2 / mean**2)
+    u3 = c3 / f + m3 / (K3 / mean**2)
     quarter_turn = 0.5 * zeta_hat * np.array(
         [
             -u1 * q1 - u2 * q2 - u3 * q3,

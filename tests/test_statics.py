@@ -1,7 +1,9 @@
 """Loaded shapes of the trunk: an independent integrator, balance, symmetry, limits, errors."""
 
+import contextlib
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from trunk_ocp import statics
 from trunk_ocp.collocation import Mesh, mesh_for
-from trunk_ocp.errors import InputError, StaticsError, TrunkError
+from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.loads import Loads
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
@@ -63,7 +65,7 @@ def test_the_base_moment_balances_every_load(trunk, draw):
     nodes, weights = np.polynomial.legendre.leggauss(20)
     moment = np.zeros((4, 3))
     r0 = shape.position([0.0])
-    for start, end in zip(shape.mesh.edges[:-1], shape.mesh.edges[1:], strict=True):
+    for start, end in pairwise(shape.mesh.edges):
         Z = (start + end) / 2 + (end - start) / 2 * nodes
         R = trunk.base_radius - Z * trunk.tan_taper
         force = np.outer(1059.7 * math.pi * R**2, [0, 0, 9.8])  # per metre
@@ -80,7 +82,8 @@ def test_the_base_moment_balances_every_load(trunk, draw):
 
 def test_without_loads_the_shape_is_the_closed_form(trunk, draw):
     activation, psi, Z = draw(trunk, 5, seed=46), heads(5, 47), np.linspace(0, 1.75, 20)
-    shape = solve_statics(trunk, activation, psi, Loads(0.0), mesh_for(trunk, elements=12, degree=8))
+    mesh = mesh_for(trunk, elements=12, degree=8)
+    shape = solve_statics(trunk, activation, psi, Loads(0.0), mesh)
     expected, _ = unloaded_states(trunk, activation, psi, Z)
     np.testing.assert_allclose(shape.position(Z), expected, rtol=0, atol=1e-9)
     assert np.abs(shape.moment(Z)).max() < 1e-9
@@ -161,9 +164,9 @@ def test_a_load_too_far_for_plain_newton_is_reached_in_steps(trunk, monkeypatch)
 
 
 def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):
-    # 29 kN m on a tip of K = 30 N m^2 asks for a coil of hundreds of turns.
+    # 29 kN m on a trunk of 1.5 kN m^2 at the base and 50 N m^2 at Z_w: some thirty turns.
     load = Loads(contact_from=1.4, contact_couple=(2e4, 2e4, 7e3))
-    with pytest.raises(StaticsError, match=r"no equilibrium found beyond .* % of the load") as caught:
+    with pytest.raises(StaticsError, match=r"no equilibrium found beyond") as caught:
         solve_statics(trunk, REST, loads=load)
     reached = caught.value.load_fraction
     assert 0 < reached < 1
@@ -181,11 +184,8 @@ def test_a_singular_newton_step_is_not_a_crash(trunk):
     # Heavy weight and a push from below on a trunk of 10 kPa: a Newton matrix is singular.
     soft = dataclasses.replace(trunk, youngs_modulus=1e4)
     load = Loads(tip_force=(0.0, 0.0, -1000.0))
-    try:
+    with contextlib.suppress(StaticsError):  # an honest refusal is as good as a shape
         shape = solve_statics(soft, REST, loads=load)
-    except TrunkError as error:
-        assert isinstance(error, StaticsError)
-    else:
         assert np.isfinite(shape.position([1.75])).all()
 
 
@@ -200,7 +200,7 @@ BAD = {
     "contact far beyond the tip": ({"loads": Loads(contact_from=5.0)}, "contact_from"),
     "contact before the base": ({"loads": Loads(contact_from=-0.1)}, "contact_from"),
     "no loads": ({"loads": []}, "loads"),
-    "two contact regions": ({"loads": [Loads(), Loads(contact_from=1.0)]}, "share one contact_from"),
+    "two contact regions": ({"loads": [Loads(), Loads(contact_from=1.0)]}, "one contact_from"),
     "3 loads, 2 shapes": ({"activation": np.zeros((2, 28)), "loads": [Loads()] * 3}, "loads"),
     "3 heads, 2 shapes": ({"activation": np.zeros((2, 28)), "head": np.zeros((3, 2))}, "head"),
     "mesh of another rod": ({"mesh": Mesh((0.0, 1.0), 4)}, "mesh"),

@@ -20,6 +20,9 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+OBJECTIVE, CONSTRAINTS = slice(0, 1), slice(1, None)  # rows of F
+Place = tuple[ca.MX, ca.MX]  # w (n, N) and p (k, N) of a term
+
 
 @dataclass(frozen=True)
 class Term:
@@ -72,20 +75,17 @@ class Programme:
     def nlp(self) -> dict[str, ca.MX]:
         """Problem in CasADi's form, x, p, f, g."""
         x, p, places = self._inputs()
-        F = _times(self.linear, x)
-        for term, (w, q) in zip(self.terms, places, strict=True):
-            F += _times(term.scatter, ca.vec(term.function.map(term.places)(w, q)))
-        return {"x": x, "p": p, "f": F[0], "g": F[1:]}
+        f, g = self._values(x, places, OBJECTIVE), self._values(x, places, CONSTRAINTS)
+        return {"x": x, "p": p, "f": f, "g": g}
 
     def derivatives(self) -> dict[str, ca.Function]:
         """Exact first and second derivatives, in the form that `nlpsol` takes as options."""
         x, p, places = self._inputs()
-        problem = self.nlp()
-        value = ca.Function("value", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
-        f, g = value(x, p)
-        gradient, jacobian = self._first(x, places)
+        f, g = self._values(x, places, OBJECTIVE), self._values(x, places, CONSTRAINTS)
+        gradient = ca.densify(self._jacobian(places, OBJECTIVE).T)
+        jacobian = self._jacobian(places, CONSTRAINTS)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.size[1])
-        hessian = self._second(ca.vertcat(lam_f, lam_g), places)
+        hessian = self._hessian(ca.vertcat(lam_f, lam_g), places)
         names = ["x", "p", "lam_f", "lam_g"]
         return {
             "grad_f": ca.Function(
@@ -97,7 +97,7 @@ class Programme:
             ),
         }
 
-    def _inputs(self) -> tuple[ca.MX, ca.MX, list[tuple[ca.MX, ca.MX]]]:
+    def _inputs(self) -> tuple[ca.MX, ca.MX, list[Place]]:
         """Symbols x and p, and each term's inputs gathered from them."""
         x, p = ca.MX.sym("x", self.size[0]), ca.MX.sym("p", self.parameters.size)
         places, start = [], 0
@@ -108,95 +108,107 @@ class Programme:
             start = stop
         return x, p, places
 
-    def _first(self, x: ca.MX, places: list[tuple[ca.MX, ca.MX]]) -> tuple[ca.MX, ca.MX]:
-        """Gradient of the objective (dense) and Jacobian of the constraints (sparse)."""
-        gather = _Gather(self.linear.shape)
-        gather.add_constant(self.linear)
-        sources = []
-        for term, (w, q) in zip(self.terms, places, strict=True):
-            jacobian, row, column = _jacobian(term.function)
+    def _touching(
+        self, places: list[Place], rows: slice
+    ) -> list[tuple[Term, sp.csr_matrix, Place]]:
+        """The terms that some of these rows depend on: (term, rows of its scatter, inputs)."""
+        parts = (
+            (term, term.scatter[rows], place)
+            for term, place in zip(self.terms, places, strict=True)
+        )
+        return [part for part in parts if part[1].nnz]
+
+    def _values(self, x: ca.MX, places: list[Place], rows: slice) -> ca.MX:
+        """Some rows of F."""
+        value = _times(self.linear[rows], x)
+        for term, scatter, (w, q) in self._touching(places, rows):
+            value += _times(scatter, ca.vec(term.function.map(term.places)(w, q)))
+        return value
+
+    def _jacobian(self, places: list[Place], rows: slice) -> ca.MX:
+        """Jacobian of some rows of F, sparse."""
+        linear = self.linear[rows]
+        gather = _Gather(linear)
+        for term, scatter, (w, q) in self._touching(places, rows):
+            jacobian, row, column = _term_jacobian(term.function)
             outputs, count = term.function.size1_out(0), term.places
             place = np.repeat(np.arange(count), row.size)
             output = np.tile(row, count) + outputs * place
             variable = term.variables[np.tile(column, count), place]
-            spread = sp.coo_matrix(term.scatter[:, output])
-            gather.add(spread.row, variable[spread.col], spread.data, spread.col)
-            gather.next_source(row.size * count)
-            sources.append(ca.vec(jacobian.map(count)(w, q)))
-        return gather.split_first(sources)
+            spread = sp.coo_matrix(scatter[:, output])
+            gather.add(
+                spread.row,
+                variable[spread.col],
+                spread.data,
+                spread.col,
+                ca.vec(jacobian.map(count)(w, q)),
+            )
+        return gather.matrix()
 
-    def _second(self, lam: ca.MX, places: list[tuple[ca.MX, ca.MX]]) -> ca.MX:
+    def _hessian(self, lam: ca.MX, places: list[Place]) -> ca.MX:
         """Upper triangle of the Hessian of lam . F."""
         n = self.size[0]
-        gather = _Gather((n, n))
-        sources = []
+        gather = _Gather(sp.csr_matrix((n, n)))
         for term, (w, q) in zip(self.terms, places, strict=True):
-            hessian, row, column = _hessian(term.function)
+            hessian, row, column = _term_hessian(term.function)
             count, outputs = term.places, term.function.size1_out(0)
+            if not row.size:
+                continue
             place = np.repeat(np.arange(count), row.size)
             first = term.variables[np.tile(row, count), place]
             second = term.variables[np.tile(column, count), place]
-            source = np.arange(row.size * count)
-            gather.add(np.minimum(first, second), np.maximum(first, second), None, source)
-            gather.next_source(source.size)
             mu = ca.reshape(_times(term.scatter.T.tocsr(), lam), outputs, count)
-            sources.append(ca.vec(hessian.map(count)(w, q, mu)))
-        return gather.matrix(sources)
+            gather.add(
+                np.minimum(first, second),
+                np.maximum(first, second),
+                np.ones(first.size),
+                np.arange(first.size),
+                ca.vec(hessian.map(count)(w, q, mu)),
+            )
+        return gather.matrix()
 
 
 class _Gather:
-    """Adds the entries of many small matrices into one large sparse matrix."""
+    """Adds the entries of many small matrices to one large sparse matrix."""
 
-    def __init__(self, shape: tuple[int, int]) -> None:
-        self.shape = shape
+    def __init__(self, constant: sp.csr_matrix) -> None:
+        self.constant = sp.coo_matrix(constant)
         self.entries: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
-        self.constant = sp.coo_matrix(shape)
-        self.offset = 0
-
-    def add_constant(self, matrix: sp.csr_matrix) -> None:
-        self.constant = sp.coo_matrix(matrix)
+        self.sources: list[ca.MX] = []
 
     def add(
-        self, row: np.ndarray, column: np.ndarray, data: np.ndarray | None, source: np.ndarray
+        self,
+        row: np.ndarray,
+        column: np.ndarray,
+        factor: np.ndarray,
+        source: np.ndarray,
+        values: ca.MX,
     ) -> None:
-        values = np.ones(row.size) if data is None else data
-        self.entries.append((row, column, values, source + self.offset))
+        """Add factor * values[source] at (row, column), entry by entry."""
+        offset = sum(known.size1() for known in self.sources)
+        self.entries.append((row, column, factor, source + offset))
+        self.sources.append(values)
 
-    def next_source(self, size: int) -> None:
-        self.offset += size
-
-    def _assemble(self, keep: slice) -> tuple[ca.Sparsity, np.ndarray, sp.csr_matrix]:
-        """Pattern, constant values, and map from source values to nonzeros, of some rows."""
+    def matrix(self) -> ca.MX:
+        """The sum as a sparse matrix: a constant plus a sparse map of all values."""
+        rows, columns = self.constant.shape
         row = np.concatenate([self.constant.row, *(e[0] for e in self.entries)])
         column = np.concatenate([self.constant.col, *(e[1] for e in self.entries)])
-        data = np.concatenate([self.constant.data, *(e[2] for e in self.entries)])
-        source = np.concatenate(
-            [np.full(self.constant.nnz, -1), *(e[3] for e in self.entries)]
-        ).astype(int)
-        first, last, _ = keep.indices(self.shape[0])
-        inside = (row >= first) & (row < last)
-        row, column, data, source = (a[inside] for a in (row, column, data, source))
-        rows = last - first
-        key = column.astype(np.int64) * rows + (row - first)  # column-major, as CasADi stores
+        key = column.astype(np.int64) * rows + row  # column-major, as CasADi stores
         unique, position = np.unique(key, return_inverse=True)
+        own = position[: self.constant.nnz]
+        nonzeros = ca.MX(ca.DM(np.bincount(own, self.constant.data, unique.size)))
+        if self.entries:
+            factor, source = (np.concatenate([e[i] for e in self.entries]) for i in (2, 3))
+            values = ca.vertcat(*self.sources)
+            spread = sp.csr_matrix(
+                (factor, (position[self.constant.nnz :], source)), (unique.size, values.size1())
+            )
+            nonzeros = nonzeros + _times(spread, values)
         pattern = ca.Sparsity.triplet(
-            rows, self.shape[1], (unique % rows).tolist(), (unique // rows).tolist()
+            rows, columns, (unique % rows).tolist(), (unique // rows).tolist()
         )
-        fixed = source < 0
-        constant = np.bincount(position[fixed], data[fixed], unique.size)
-        spread = sp.csr_matrix(
-            (data[~fixed], (position[~fixed], source[~fixed])), (unique.size, self.offset)
-        )
-        return pattern, constant, spread
-
-    def matrix(self, sources: list[ca.MX], keep: slice = slice(None)) -> ca.MX:
-        pattern, constant, spread = self._assemble(keep)
-        return ca.MX(pattern, ca.DM(constant) + _times(spread, ca.vertcat(*sources)))
-
-    def split_first(self, sources: list[ca.MX]) -> tuple[ca.MX, ca.MX]:
-        """Row 0 as a dense column, and the other rows."""
-        gradient = ca.densify(self.matrix(sources, slice(0, 1)).T)
-        return gradient, self.matrix(sources, slice(1, None))
+        return ca.MX(pattern, nonzeros)
 
 
 def _times(matrix: sp.csr_matrix, vector: ca.MX) -> ca.MX:
@@ -214,13 +226,13 @@ def _symbols(function: ca.Function) -> tuple[ca.SX, ca.SX, ca.SX]:
     return w, p, function(w, p)
 
 
-def _jacobian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+def _term_jacobian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
     """Nonzeros of dy/dw as one column, with their rows and columns."""
     w, p, y = _symbols(function)
     return _nonzeros("jacobian", [w, p], ca.jacobian(y, w))
 
 
-def _hessian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
+def _term_hessian(function: ca.Function) -> tuple[ca.Function, np.ndarray, np.ndarray]:
     """Nonzeros of the upper triangle of the Hessian of mu . y as one column."""
     w, p, y = _symbols(function)
     mu = ca.SX.sym("mu", y.size1())

@@ -1,0 +1,105 @@
+"""Motions, plans and problem files that several test files share; plans are made once a worker."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from trunk_ocp.motion import load_motion
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.statics import solve_statics
+from trunk_ocp.transcription import Task
+
+MOTIONS = ("pick-fruit", "lift-log", "lift-log-asymmetric")
+
+# The smallest problem file: one phase, one target, well within reach.
+TOUCH = """
+name = "touch"
+
+[bounds]
+activation = [-3.0, 0.0]
+extension = [0.67, 1.35]
+
+[[phases]]
+name = "reach"
+duration = 1.0
+
+[[phases.targets]]
+Z = 1.75
+position = [0.6, 0.1, 1.2]
+"""
+
+# Two phases of two steps each, without a gram of load that TOUCH does not have.
+POINT = """
+name = "point"
+
+[bounds]
+activation = [-3.0, 0.0]
+extension = [0.67, 1.35]
+
+[[phases]]
+name = "reach"
+duration = 1.0
+steps = 2
+
+[[phases.targets]]
+Z = 1.75
+position = [0.6, 0.1, 1.2]
+
+[[phases]]
+name = "rise"
+duration = 0.5
+steps = 2
+interpolation = "hermite"
+
+[[phases.targets]]
+Z = 1.75
+path = [[0.6, 0.1, 1.2], [0.7, 0.0, 1.1]]
+"""
+
+
+@cache
+def shipped(name):
+    """A shipped motion."""
+    return load_motion(name)
+
+
+@cache
+def planned(name, mode):
+    """A plan of a shipped motion; the horizon is started as by default, from the sequential."""
+    if mode == "sequential":
+        return plan_motion(shipped(name), lookahead=1)
+    return plan_motion(shipped(name), start=planned(name, "sequential"))
+
+
+@cache
+def first_steps(name, count):
+    """A shipped motion cut short, for speed."""
+    return replace(shipped(name), steps=shipped(name).steps[:count])
+
+
+def written(folder, text, name="problem.toml"):
+    """A problem file with this text; its path."""
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def tasks_of(motion, first=0, last=None):
+    """Time steps as tasks of a window."""
+    return [
+        Task(step.duration, step.targets, step.loads, step.pull, step.box, step.change)
+        for step in motion.steps[first:last]
+    ]
+
+
+def in_equilibrium(window, x):
+    """Shapes of a window's steps under their loads, pulls included, on the window's mesh."""
+    loads = [task.loads for task in window.tasks]
+    trunk = window.motion.trunk
+    shapes = solve_statics(trunk, x[:, :-2], x[:, -2:], loads, window.mesh)
+    loads = [
+        replace(load, tip_force=tuple(np.add(load.tip_force, pull)))
+        for load, pull in zip(loads, window.pulls(shapes), strict=True)
+    ]
+    return solve_statics(trunk, x[:, :-2], x[:, -2:], loads, window.mesh), loads

@@ -1,0 +1,279 @@
+"""The three shipped motions say what sections 5, 6 and appendix B of the paper say."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plans import POINT, shipped, written
+from scipy.spatial.transform import Rotation
+
+from trunk_ocp.loads import Loads
+from trunk_ocp.motion import Held, allowed, load_motion
+
+L = 1.75
+EXACT = 1e-12  # decimals in the files are typed out to sixteen digits
+PRINTED = 5e-5  # DESIGN prints loads with four decimals
+PASSIVE_TIP = (0.6720968, 0.0, 1.6202937)  # r(L; 0) from DESIGN 2.10, printed to 1e-7 m
+R_LOG = L / 24
+W_LOG = math.pi * R_LOG**2 * (L / 2) * 1009 * 9.8
+W_LONG_LOG = math.pi * R_LOG**2 * (0.75 * L) * 1009 * 9.8
+LIFTS = ("lift-log", "lift-log-asymmetric")
+
+
+def same(a, b, tolerance=EXACT):
+    return np.allclose(a, b, rtol=0, atol=tolerance)
+
+
+def change(step):
+    """Bounds on change as (activations, psi_Z, psi_Y), each lower and upper."""
+    low, high = step.change.lower, step.change.upper
+    assert len({*low[:28]}) == len({*high[:28]}) == 1  # one bound for all muscles
+    return [(low[i], high[i]) for i in (0, 28, 29)]
+
+
+FREE = (-math.inf, math.inf)
+
+
+def wrap_points(center):
+    """Arc of eqs. (47)-(49): six points, and the one beyond the last."""
+    Z = 0.8 * L + np.arange(6) * (L - 0.8 * L) / 5
+    theta = math.pi / 2 + np.arange(7) * (-math.pi / 3 - math.pi / 2) / 5
+    radius = 0.1185 * L - Z * math.tan(math.radians(4.81))
+    distance = R_LOG + np.append(radius, radius[-1])
+    e_Z = [Rotation.from_euler("y", angle).apply([0, 0, 1]) for angle in theta]
+    return Z, np.asarray(center) + distance[:, None] * np.array(e_Z)
+
+
+# --- pick a fruit ------------------------------------------------------------------------
+
+
+def test_fruit_times_and_interpolation():
+    motion = shipped("pick-fruit")
+    expected = [1.5 + i * (2 / 3) / 20 for i in range(21)] + [1.5 + 2 / 3 + 2]
+    assert same(motion.times, expected)
+    assert same([step.duration for step in motion.steps], np.diff([0, *expected]))
+    assert [p.interpolation for p in motion.phases] == ["cosine", "none", "cosine"]
+    assert [step.phase for step in motion.steps] == [0] + 20 * [1] + [2]
+
+
+def test_fruit_targets():
+    motion = shipped("pick-fruit")
+    goals = [step.targets for step in motion.steps]
+    assert all(len(g) == 1 and g[0].Z == L for g in goals)
+    assert all(g[0].position_weight == 8 and g[0].direction_weights[2] == 1 for g in goals)
+    assert all(same(g[0].position, (0.7, 0.3, -0.2)) for g in goals[:21])  # eqs. (43), (44)
+    assert same(goals[21][0].position, (-0.2, 0, 0.16))  # eq. (45)
+    directions = [g[0].pairs() for g in goals]
+    assert all(len(pairs) == 1 and pairs[0][0] == 2 for pairs in directions)
+    assert same(directions[0][0][1], (0, 0, -1))
+    assert all(pairs[0][1] == Held(0, L, 2) for pairs in directions[1:21])
+    mouth = Rotation.from_euler("y", -3 * math.pi / 4).apply([0, 0, 1])
+    assert same(directions[21][0][1], mouth)
+
+
+def test_fruit_loads_pull_up_to_100_newton_then_carry_8_kilograms():
+    motion = shipped("pick-fruit")
+    steps = motion.steps
+    assert all(step.loads == Loads(9.8) for step in steps[:21])
+    assert steps[21].loads == Loads(9.8, (0, 0, 8 * 9.8))
+    assert steps[0].pull is None
+    assert steps[21].pull is None
+    for T in range(1, 21):
+        force, held = steps[T].pull
+        assert force == pytest.approx(100 * T / 20, abs=EXACT)
+        assert held == Held(0, L, 2)
+    assert motion.held == (Held(0, L, 2),)
+    assert motion.contact_from is None
+
+
+def test_fruit_feasible_sets():
+    steps = shipped("pick-fruit").steps
+    for step in steps:
+        assert same(step.box.lower[:28], -3.0)
+        assert same(step.box.upper[:28], 0.0)
+    assert same(steps[0].box.upper[28:], math.pi / 16)
+    assert same(steps[0].box.lower[28:], -math.pi / 16)
+    assert same(steps[21].box.lower[28:], (0, 11 * math.pi / 160))
+    assert same(steps[21].box.upper[28:], (0, 21 * math.pi / 160))
+    assert change(steps[0]) == change(steps[21]) == [FREE, FREE, FREE]
+    for step in steps[1:21]:
+        assert same(change(step), [(-0.02, 0.02), (0, 0), (0, 0)])  # 0.4 / 20
+
+
+def test_fruit_auxiliary_problems():
+    first, *pulling, last = shipped("pick-fruit").steps
+    assert first.auxiliary is not None
+    assert not first.auxiliary.binds  # "only as an initial guess"
+    assert all(step.auxiliary is None for step in pulling)
+    assert last.auxiliary.activation_deviation == 0.3
+    assert math.isinf(last.auxiliary.head_deviation)
+
+
+# --- lift a log --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", LIFTS)
+def test_log_times_and_interpolation(name):
+    motion = shipped(name)
+    expected = [1.0, 1.4] + [1.4 + (i - 2) / 8 for i in range(3, 11)]
+    assert same(motion.times, expected)
+    assert [p.interpolation for p in motion.phases] == ["cosine", "cosine", "hermite"]
+    assert [p.end for p in motion.phases] == pytest.approx([1.0, 1.4, 2.4], abs=EXACT)
+
+
+@pytest.mark.parametrize("name", LIFTS)
+def test_log_targets_lie_on_the_arc_along_the_path(name):
+    """Eqs. (46)-(53), the first coefficient of (53) read as (1 - t)^2."""
+    start = np.add(PASSIVE_TIP, (-0.4, 0, -0.45))
+    middle, end = np.add(start, (0, 0, -0.4)), np.add(start, (0.2, 0, -0.6))
+    Z, first = wrap_points(start)
+    chords = np.diff(first, axis=0)
+    tangents = chords / np.linalg.norm(chords, axis=1)[:, None]
+    for T, step in enumerate(shipped(name).steps, 1):
+        t = max(0.0, (T - 2) / 8)
+        center = (1 - t) ** 2 * start + 2 * (1 - t) * t * middle + t**2 * end
+        _, points = wrap_points(center)
+        assert same([g.Z for g in step.targets], Z)
+        assert same([g.position for g in step.targets], points[:6], 1e-7)
+        entry, *between, exit_ = step.targets
+        assert same(entry.directions[2], tangents[0])  # eqs. (48), (52)
+        assert same(exit_.directions[2], tangents[5])  # eqs. (49), (52)
+        assert not any(g.pairs() for g in between)
+
+
+def test_log_weights():
+    position = [7, 1, 1, 1, 1, 5]
+    for step in shipped("lift-log").steps:
+        assert [g.position_weight for g in step.targets] == position
+        assert [g.direction_weights[2] for g in step.targets] == [1, 0, 0, 0, 0, 1]
+    for step in shipped("lift-log-asymmetric").steps[1:]:
+        assert [g.position_weight for g in step.targets] == position
+        assert [g.direction_weights[2] for g in step.targets] == [0.5, 0, 0, 0, 0, 0.25]
+
+
+def test_log_loads():
+    motion = shipped("lift-log")
+    assert motion.steps[0].loads == Loads(9.8)
+    for step in motion.steps[1:]:
+        assert step.loads.contact_from == pytest.approx(0.8 * L, abs=EXACT)
+        assert same(step.loads.contact_force, (0, 0, W_LOG), 1e-9)
+        assert same(step.loads.contact_force, (0, 0, 144.5203), PRINTED)
+        assert step.loads.contact_couple == step.loads.tip_force == (0, 0, 0)
+
+
+def test_asymmetric_loads_add_the_couple_of_eq_54():
+    motion = shipped("lift-log-asymmetric")
+    assert motion.steps[0].loads == Loads(9.8)
+    for step in motion.steps[1:]:
+        assert step.loads.contact_from == pytest.approx(0.8 * L, abs=EXACT)
+        assert same(step.loads.contact_force, (0, 0, W_LONG_LOG), 1e-9)
+        assert same(step.loads.contact_force, (0, 0, 216.7804), PRINTED)
+        assert same(step.loads.contact_couple, (-0.3 * L * W_LONG_LOG, 0, 0), 1e-9)
+        assert same(step.loads.contact_couple, (-113.8097, 0, 0), PRINTED)
+        assert step.loads.tip_force == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", LIFTS)
+def test_the_index_sets_of_eq_b3(name):
+    """x_12, x_13, x_14, x_26 ... from 1: segment 3 right and left; 11 and 25 are its dl."""
+    box = shipped(name).steps[0].box
+    lower = np.full(28, -3.0)
+    lower[np.array([12, 13, 14, 26, 27, 28]) - 1] = -3.5
+    lower[np.array([11, 25]) - 1] = 0.0
+    assert same(box.lower[:28], lower)
+    assert same(box.upper[:28], 0.0)
+    assert same(box.upper[28:], (math.pi / 32, math.pi / 12))
+    assert same(box.lower[28:], (-math.pi / 32, -math.pi / 12))
+
+
+def test_log_changes_and_auxiliary_deviations():
+    motion = shipped("lift-log")
+    assert change(motion.steps[0]) == [FREE, FREE, FREE]
+    for step in motion.steps[1:]:
+        assert same(step.box.lower[:28], -3.5)
+        assert same(step.box.upper[:28], 0.0)
+        bound = math.pi / 64
+        assert same(change(step), [(-0.4, 0.4), (-bound, bound), (0, bound)])
+        # Nothing but the changes limits the head: nine of them from pi/12 stay inside the box.
+        assert step.box.upper[29] >= math.pi / 12 + 9 * bound
+    for step in motion.steps:
+        assert (step.auxiliary.activation_deviation, step.auxiliary.head_deviation) == (0.4, 0)
+
+
+def test_the_first_asymmetric_step_is_that_of_lift_log():
+    """Appendix B.3: x*(1) is the same in both."""
+    ours, theirs = (shipped(name).steps[0] for name in reversed(LIFTS))
+    assert ours.targets == theirs.targets
+    assert (ours.loads, ours.auxiliary) == (theirs.loads, theirs.auxiliary)
+    assert np.array_equal(ours.box.lower, theirs.box.lower)
+    assert np.array_equal(ours.box.upper, theirs.box.upper)
+
+
+def test_asymmetric_changes():
+    steps = shipped("lift-log-asymmetric").steps
+    assert change(steps[1]) == [FREE, FREE, FREE]
+    assert same(steps[1].box.upper[28:], math.pi / 12)
+    assert same(steps[1].box.lower[28:], -math.pi / 12)
+    for T, step in enumerate(steps[2:], 3):
+        gamma = 1.0 if T == 5 else 0.7
+        psi = math.pi / 32 if T in (3, 4) else math.pi / 64  # printed as -pi/64: a slip
+        assert same(change(step), [(-gamma, gamma), (-psi, psi), (-psi, psi)])
+    assert all(step.auxiliary is None for step in steps[1:])
+    assert all(same(step.box.lower[:28], -3.5) for step in steps[1:])
+
+
+@pytest.mark.parametrize("name", ["pick-fruit", *LIFTS])
+def test_every_motion_has_the_measured_extension_limits_and_trunk(name):
+    motion = shipped(name)
+    assert motion.extension == (0.67, 1.35)
+    assert motion.gravity == 9.8
+    assert motion.name == name
+    assert motion.trunk.name == "asian-elephant"
+
+
+# --- bounds in general -------------------------------------------------------------------
+
+
+def test_a_deviation_cuts_the_motions_own_bounds_not_the_auxiliary_ones():
+    """Eq. (B.2): the neighbourhood meets [-gamma_max, 0]; eq. (B.3) is the auxiliary's."""
+    motion = shipped("lift-log")
+    near = np.concatenate([np.full(28, -2.9), [0.05, 0.1]])
+    box = allowed(motion, motion.steps[0], near)
+    assert same(box.lower[:28], -3.3)
+    assert same(box.upper[:28], -2.5)
+    assert same(box.lower[28:], near[28:])
+    assert same(box.upper[28:], near[28:])
+    near[:28] = -0.1
+    assert same(allowed(motion, motion.steps[0], near).upper[:28], 0.0)
+    assert allowed(motion, motion.steps[0], None) is motion.steps[0].box
+
+
+def test_later_patterns_and_later_changes_prevail(tmp_path):
+    text = POINT.replace(
+        "steps = 2\n\n",
+        "steps = 2\n"
+        'bounds.muscles = { "*" = [-2.0, 0.0], "L*" = [-1.0, 0.0], "L1-dl" = [-0.5, 0.0] }\n'
+        "change = [{ activation = 0.3 }, { steps = [2, 2], activation = 0.1 }]\n\n",
+        1,
+    )
+    first, second, third, _ = load_motion(written(tmp_path, text)).steps
+    assert same(first.box.lower[:15], [*14 * [-2.0], -0.5])
+    assert same(first.box.lower[15:28], -1.0)
+    assert change(first)[0] == (-0.3, 0.3)
+    assert change(second)[0] == (-0.1, 0.1)
+    assert change(third) == [FREE, FREE, FREE]
+    assert same(third.box.lower[:28], -3.0)  # the next phase has the motion's bounds again
+
+
+def test_positions_may_be_measured_from_the_passive_tip(tmp_path):
+    text = POINT.replace("Z = 1.75\nposition", 'Z = 1.75\norigin = "passive-tip"\nposition')
+    target = load_motion(written(tmp_path, text)).steps[0].targets[0]
+    assert same(target.position, np.add(PASSIVE_TIP, (0.6, 0.1, 1.2)), 1e-7)
+
+
+def test_a_motion_cannot_be_changed_in_place():
+    motion = shipped("lift-log")
+    with pytest.raises(AttributeError):
+        motion.steps = ()
+    assert replace(motion, steps=motion.steps[:1]).times.tolist() == [1.0]
