@@ -58,6 +58,13 @@ BAD_INPUT, NOT_SOLVED = 2, 3
     show_default=True,
     help="Most iterations of one solve.",
 )
+@click.option(
+    "--starts",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Solve a horizon from several starts and keep the best.",
+)
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
 def solve(
@@ -67,6 +74,7 @@ def solve(
     out: Path | None,
     linear_solver: str,
     max_iterations: int,
+    starts: int,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -87,7 +95,7 @@ def solve(
     with _clean_errors():
         motion = load_motion(problem)
         folder = out or Path("results") / motion.name
-        options = Options(linear_solver=linear_solver, max_iterations=max_iterations)
+        options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         with Screen(console, motion) as screen, _interruptible(screen):
             plans = _plans(motion, mode, lookahead, options, screen)
         for plan in plans:

@@ -66,6 +66,7 @@ def gauss(degree: int) -> Gauss:
     return Gauss(degree, nodes, derivative[1:])
 
 
+@cache
 def _unit_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Legendre points and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(degree)

@@ -8,6 +8,7 @@ horizon; the loop is the same.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,8 @@ from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Task, Weights, Window
 
+RANDOM = 0.4
+"""Largest activation of a random start, as a share of its lower bound."""
 FEASIBLE = 1e-6
 """Largest constraint violation, in the transcription's units, of a usable candidate."""
 
@@ -41,6 +44,10 @@ class Options:
         Of Ipopt: mumps comes with CasADi, ma27 ... ma97 and spral need installing.
     max_iterations : int
         Of Ipopt, for each solve.
+    starts : int
+        From how many starts a window of several steps is solved at least; the best is kept.
+        The first is the sequential plan, the second the passive trunk, further ones are
+        random. More are tried, the passive trunk at least, if the best misses a target.
     """
 
     weights: Weights = field(default_factory=Weights)
@@ -48,6 +55,7 @@ class Options:
     degree: int = 6
     linear_solver: str = "mumps"
     max_iterations: int = 1000
+    starts: int = 1
 
 
 @dataclass
@@ -60,7 +68,6 @@ class _State:
     held: dict[Held, np.ndarray] = field(default_factory=dict)
     auxiliary: np.ndarray | None = None  # the last unloaded optimum
     near: dict[int, np.ndarray] = field(default_factory=dict)
-    iterations: int = 0
     converged: bool = True
 
 
@@ -115,6 +122,7 @@ def plan_motion(
         plan = _Planner(motion, lookahead, options, optimiser, reporter, start).run()
     return replace(
         plan,
+        iterations=optimiser.iterations,
         setup_seconds=optimiser.setup_seconds,
         solve_seconds=optimiser.solve_seconds,
         total_seconds=time.perf_counter() - began,
@@ -175,10 +183,8 @@ class _Planner:
             self.motion, self.mesh, tasks, before, state.held, first, self.options.weights
         )
 
-    def _solve(self, window: Window, x: np.ndarray, detail: str, state: _State) -> Outcome:
-        outcome = self.optimiser.solve(window, self._start(window, x), self.stage, detail)
-        state.iterations += outcome.iterations
-        return outcome
+    def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
+        return self.optimiser.solve(window, self._start(window, x), self.stage, detail)
 
     def _start(self, window: Window, x: np.ndarray) -> np.ndarray:
         """All unknowns of a window from those of its steps, the rods in equilibrium."""
@@ -211,8 +217,11 @@ class _Planner:
             kept = window.pack(self.start.x[first:last], self.start.part(first, last))
             given = self.optimiser.evaluate(window, kept)
             best = given if given.infeasibility <= FEASIBLE else None
-        for label, x in self._starts(first, last, previous):
-            outcome = self._solve(window, x, f"{named}, from the {label}", state)
+        for number, (label, x) in enumerate(self._starts(first, last, previous)):
+            reached = best is not None and window.worst_error(best.full) <= self.motion.tolerance[0]
+            if number >= self.options.starts and (reached or number > 1):
+                break
+            outcome = self._solve(window, x, f"{named}, from the {label}")
             if best is None or _better(outcome, best):
                 best = outcome
             if outcome.stopped:
@@ -231,6 +240,11 @@ class _Planner:
         if self.start is not None and len(self.start.x) >= last:
             yield f"{self.start.mode} plan", self.start.x[first:last]
         yield "passive trunk", np.zeros((last - first, self.unknowns))
+        for seed in itertools.count():
+            rng = np.random.default_rng(seed)
+            x = RANDOM * rng.uniform() * rng.uniform(size=self.unknowns) * self.motion.box.lower
+            x[-2:] = 0.0
+            yield f"random start {seed + 1}", np.tile(x, (last - first, 1))
 
     def _one_step(self, first: int, state: _State) -> tuple[Window, Outcome]:
         """A window of one step, as in the paper: see appendix B for each clause."""
@@ -239,7 +253,7 @@ class _Planner:
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         if step.auxiliary is None:
             window = self._window(first, [_task(step)], state)
-            return window, self._solve(window, before[None], named, state)
+            return window, self._solve(window, before[None], named)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
         task = _task(step)
         if step.auxiliary.binds:
@@ -247,7 +261,7 @@ class _Planner:
             box = allowed(self.motion, step, guess)
             task = replace(task, box=box, change=_anything(self.unknowns))
         window = self._window(first, [task], state)
-        return window, self._solve(window, guess[None], named, state)
+        return window, self._solve(window, guess[None], named)
 
     def _auxiliary(self, first: int, named: str, state: _State) -> np.ndarray:
         """Optimum of a step without loads, from and near the unloaded one before it."""
@@ -265,9 +279,9 @@ class _Planner:
         window = Window(
             self.motion, self.mesh, [task], reference, state.held, first, self.options.weights
         )
-        outcome = self._solve(window, reference[None], named, state)
+        outcome = self._solve(window, reference[None], named)
         if not outcome.converged and not outcome.stopped:
-            again = self._solve(window, np.zeros((1, self.unknowns)), named, state)
+            again = self._solve(window, np.zeros((1, self.unknowns)), named)
             outcome = again if _better(again, outcome) else outcome
         state.auxiliary = window.unknowns_of(outcome.full)[0]
         return state.auxiliary
@@ -287,7 +301,6 @@ class _Planner:
             near=state.near,
             converged=state.converged,
             interrupted=self.reporter.stop,
-            iterations=state.iterations,
         )
 
 

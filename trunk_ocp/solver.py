@@ -61,6 +61,7 @@ class Optimiser:
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     reporter: Reporter = field(default_factory=Reporter)
+    iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
     _ready: dict[Hashable, tuple[ca.Function, _Watch]] = field(default_factory=dict, repr=False)
@@ -76,6 +77,7 @@ class Optimiser:
         began = time.perf_counter()
         result = solver(x0=start, p=window.programme.parameters, **window.bounds)
         stats = solver.stats()
+        self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
         full, g = np.asarray(result["x"]).ravel(), np.asarray(result["g"]).ravel()
         return Outcome(
