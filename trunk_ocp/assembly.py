@@ -84,6 +84,11 @@ class Assembly:
         return Programme(sp.csr_matrix((value, (row, column)), shape), tuple(terms))
 
     @property
+    def parameters(self) -> np.ndarray:
+        """Parameter values of all terms as one vector, as `Programme.parameters` has them."""
+        return np.concatenate([parameters.ravel(order="F") for _, _, parameters, _ in self._terms])
+
+    @property
     def bounds(self) -> dict[str, np.ndarray]:
         """Bounds in the words of CasADi's solvers: lbx, ubx, lbg, ubg."""
         return {

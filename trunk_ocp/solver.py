@@ -75,7 +75,7 @@ class Optimiser:
         solver, watch = self._solver(window)
         watch.attend(window, stage, detail, self.reporter)
         began = time.perf_counter()
-        result = solver(x0=start, p=window.programme.parameters, **window.bounds)
+        result = solver(x0=start, p=window.parameters, **window.bounds)
         stats = solver.stats()
         self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
@@ -91,8 +91,7 @@ class Optimiser:
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
         """A given vector as if it were the outcome of a solve."""
         solver, _ = self._solver(window)
-        parameters = window.programme.parameters
-        f, g = (solver.get_function(name)(full, parameters) for name in ("nlp_f", "nlp_g"))
+        f, g = (solver.get_function(name)(full, window.parameters) for name in ("nlp_f", "nlp_g"))
         violation = _violation(np.asarray(g).ravel(), window.bounds["lbg"], window.bounds["ubg"])
         return Outcome(full, float(f), violation, 0, CONVERGED[0])
 
@@ -100,7 +99,7 @@ class Optimiser:
         key = window.structure
         if key not in self._ready:
             began = time.perf_counter()
-            watch = _Watch(*window.programme.size, window.programme.parameters.size)
+            watch = _Watch(*window.programme.size, window.parameters.size)
             options = {f"ipopt.{name}": value for name, value in IPOPT.items()} | {
                 "ipopt.linear_solver": self.linear_solver,
                 "ipopt.max_iter": self.max_iterations,

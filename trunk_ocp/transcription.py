@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -112,8 +113,13 @@ class Window:
         self.held = self._held_directions()
         self._couplings()
         self._costs(weights)
-        self.programme: Programme = self._assembly.programme()
         self.bounds = self._assembly.bounds
+        self.parameters = self._assembly.parameters
+
+    @cached_property
+    def programme(self) -> Programme:
+        """The programme itself; a solver needs it once for each structure only."""
+        return self._assembly.programme()
 
     @property
     def structure(self) -> tuple[Hashable, ...]:
