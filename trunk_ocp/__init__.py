@@ -11,6 +11,7 @@ from .loads import Loads
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
 from .problem_file import problem_schema
+from .replanning import Replanner
 from .reporting import Progress, Reporter
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
@@ -24,6 +25,7 @@ __all__ = [
     "Options",
     "Plan",
     "Progress",
+    "Replanner",
     "Reporter",
     "Shape",
     "SolverMissingError",

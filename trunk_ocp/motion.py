@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +102,17 @@ class Motion:
     def tolerance(self) -> tuple[float, float]:
         """Largest errors, in m and of a director, with which a target counts as reached."""
         return self.spec.tolerance.position, self.spec.tolerance.direction
+
+    def shifted(self, offset: Vector) -> Motion:
+        """The same motion with every target position moved by `offset` (3,) in m."""
+
+        def moved(target: Target) -> Target:
+            if target.position is None:
+                return target
+            return replace(target, position=vector(np.add(target.position, offset)))
+
+        steps = (replace(s, targets=tuple(moved(t) for t in s.targets)) for s in self.steps)
+        return replace(self, steps=tuple(steps))
 
     @property
     def held(self) -> tuple[Held, ...]:

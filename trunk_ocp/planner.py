@@ -59,7 +59,7 @@ class Options:
 
 
 @dataclass
-class _State:
+class State:
     """What has been decided so far: unknowns, shapes and directions of the kept steps."""
 
     x: list[np.ndarray] = field(default_factory=list)
@@ -110,7 +110,7 @@ def plan_motion(
     lookahead = min(lookahead or count, count)
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
     if lookahead > 1 and start is None:
-        start = _Planner(motion, 1, options, optimiser, reporter, None).run()
+        start = Pass(motion, 1, options, optimiser, reporter, None).run()
     if reporter.stop and start is not None:
         plan = replace(
             start,
@@ -119,7 +119,7 @@ def plan_motion(
             notes=("interrupted before the horizon's own solve; this is the plan it starts from",),
         )
     else:
-        plan = _Planner(motion, lookahead, options, optimiser, reporter, start).run()
+        plan = Pass(motion, lookahead, options, optimiser, reporter, start).run()
     return replace(
         plan,
         iterations=optimiser.iterations,
@@ -130,7 +130,7 @@ def plan_motion(
 
 
 @dataclass
-class _Planner:
+class Pass:
     """One pass over a motion with a given lookahead."""
 
     motion: Motion
@@ -151,7 +151,8 @@ class _Planner:
         self.stage = mode_of(self.lookahead, len(self.motion.steps))
 
     def run(self) -> Plan:
-        state, count = _State(), len(self.motion.steps)
+        """Solve all windows, one after the other."""
+        state, count = State(), len(self.motion.steps)
         previous: np.ndarray | None = None  # solution of the window before
         first = 0
         while first < count and not self.reporter.stop:
@@ -161,11 +162,11 @@ class _Planner:
             else:
                 window, outcome = self._several_steps(first, last, state, previous)
             previous = window.unknowns_of(outcome.full)
-            self._keep(window, outcome, count if last == count else first + 1, state)
+            self.keep(window, outcome, count if last == count else first + 1, state)
             first = len(state.x)
-        return self._plan(state)
+        return self.plan(state)
 
-    def _keep(self, window: Window, outcome: Outcome, until: int, state: _State) -> None:
+    def keep(self, window: Window, outcome: Outcome, until: int, state: State) -> None:
         """Decide the steps of a solved window up to `until`."""
         take = until - window.offset
         state.x += list(window.unknowns_of(outcome.full)[:take])
@@ -177,7 +178,8 @@ class _Planner:
 
     # --- windows ---------------------------------------------------------------------
 
-    def _window(self, first: int, tasks: list[Task], state: _State) -> Window:
+    def window(self, first: int, tasks: list[Task], state: State) -> Window:
+        """The programme of `tasks` from step `first` on, after what has been decided."""
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         return Window(
             self.motion, self.mesh, tasks, before, state.held, first, self.options.weights
@@ -206,11 +208,11 @@ class _Planner:
         return solve_statics(self.motion.trunk, x[:, :-2], x[:, -2:], loads, self.mesh)
 
     def _several_steps(
-        self, first: int, last: int, state: _State, previous: np.ndarray | None
+        self, first: int, last: int, state: State, previous: np.ndarray | None
     ) -> tuple[Window, Outcome]:
         """A window of the horizon: the best of several starts."""
         steps = self.motion.steps[first:last]
-        window = self._window(first, [_task(step) for step in steps], state)
+        window = self.window(first, [task_of(step) for step in steps], state)
         named = f"steps {first + 1} to {last}"
         best: Outcome | None = None
         if self.start is not None and self.start.converged and last == len(self.start.x):
@@ -246,24 +248,24 @@ class _Planner:
             x[-2:] = 0.0
             yield f"random start {seed + 1}", np.tile(x, (last - first, 1))
 
-    def _one_step(self, first: int, state: _State) -> tuple[Window, Outcome]:
+    def _one_step(self, first: int, state: State) -> tuple[Window, Outcome]:
         """A window of one step, as in the paper: see appendix B for each clause."""
         step = self.motion.steps[first]
         named = f"step {first + 1} of {len(self.motion.steps)}"
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         if step.auxiliary is None:
-            window = self._window(first, [_task(step)], state)
+            window = self.window(first, [task_of(step)], state)
             return window, self._solve(window, before[None], named)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
-        task = _task(step)
+        task = task_of(step)
         if step.auxiliary.binds:
             state.near[first] = guess
             box = allowed(self.motion, step, guess)
             task = replace(task, box=box, change=_anything(self.unknowns))
-        window = self._window(first, [task], state)
+        window = self.window(first, [task], state)
         return window, self._solve(window, guess[None], named)
 
-    def _auxiliary(self, first: int, named: str, state: _State) -> np.ndarray:
+    def _auxiliary(self, first: int, named: str, state: State) -> np.ndarray:
         """Optimum of a step without loads, from and near the unloaded one before it."""
         step = self.motion.steps[first]
         chained = bool(np.any(np.isfinite(step.change.upper))) and state.auxiliary is not None
@@ -271,7 +273,7 @@ class _Planner:
         reference = state.auxiliary if chained and state.auxiliary is not None else before
         unloaded = step.loads.scaled(0.0)
         task = replace(
-            _task(step),
+            task_of(step),
             loads=unloaded,
             pull=None,
             change=step.change if chained else _anything(self.unknowns),
@@ -286,7 +288,8 @@ class _Planner:
         state.auxiliary = window.unknowns_of(outcome.full)[0]
         return state.auxiliary
 
-    def _plan(self, state: _State) -> Plan:
+    def plan(self, state: State) -> Plan:
+        """The plan of what has been decided."""
         x = np.array(state.x).reshape(-1, self.unknowns)
         forces = np.array(state.tip_forces).reshape(-1, 3)
         loads = loads_of(self.motion, forces)
@@ -304,7 +307,8 @@ class _Planner:
         )
 
 
-def _task(step: Step) -> Task:
+def task_of(step: Step) -> Task:
+    """A step of a motion as part of a window, bounds on change included."""
     return Task(step.duration, step.targets, step.loads, step.pull, step.box, step.change)
 
 

@@ -28,6 +28,17 @@ IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
 }
+# A re-plan starts at an optimum, multipliers included, of nearly the same problem: stay there.
+WARM: dict[str, Any] = IPOPT | {
+    "mu_init": 1e-8,
+    "tol": 1e-6,
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-9,
+    "warm_start_bound_frac": 1e-9,
+    "warm_start_slack_bound_push": 1e-9,
+    "warm_start_slack_bound_frac": 1e-9,
+    "warm_start_mult_bound_push": 1e-9,
+}
 CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
 STOPPED = "User_Requested_Stop"
@@ -42,6 +53,7 @@ class Outcome:
     infeasibility: float
     iterations: int
     message: str
+    multipliers: dict[str, ca.DM] = field(default_factory=dict, repr=False)
 
     @property
     def converged(self) -> bool:
@@ -56,11 +68,15 @@ class Outcome:
 
 @dataclass
 class Optimiser:
-    """Solves windows; keeps the solver of each structure, so that a later one starts at once."""
+    """Solves windows; keeps the solver of each structure, so that a later one starts at once.
+
+    `warm` is for solves that start from the multipliers of an earlier one.
+    """
 
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     reporter: Reporter = field(default_factory=Reporter)
+    warm: bool = False
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -70,12 +86,19 @@ class Optimiser:
         if self.linear_solver != "mumps":
             check_linear_solver(self.linear_solver)
 
-    def solve(self, window: Window, start: np.ndarray, stage: str, detail: str) -> Outcome:
+    def solve(
+        self,
+        window: Window,
+        start: np.ndarray,
+        stage: str,
+        detail: str,
+        multipliers: dict[str, ca.DM] | None = None,
+    ) -> Outcome:
         """Minimise from a start vector; never raises for lack of convergence."""
         solver, watch = self._solver(window)
         watch.attend(window, stage, detail, self.reporter)
         began = time.perf_counter()
-        result = solver(x0=start, p=window.parameters, **window.bounds)
+        result = solver(x0=start, p=window.parameters, **window.bounds, **(multipliers or {}))
         stats = solver.stats()
         self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
@@ -86,6 +109,7 @@ class Optimiser:
             _violation(g, window.bounds["lbg"], window.bounds["ubg"]),
             int(stats["iter_count"]),
             str(stats["return_status"]),
+            {"lam_x0": result["lam_x"], "lam_g0": result["lam_g"]},
         )
 
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
@@ -100,7 +124,8 @@ class Optimiser:
         if key not in self._ready:
             began = time.perf_counter()
             watch = _Watch(*window.programme.size, window.parameters.size)
-            options = {f"ipopt.{name}": value for name, value in IPOPT.items()} | {
+            chosen = WARM if self.warm else IPOPT
+            options = {f"ipopt.{name}": value for name, value in chosen.items()} | {
                 "ipopt.linear_solver": self.linear_solver,
                 "ipopt.max_iter": self.max_iterations,
                 "iteration_callback": watch,

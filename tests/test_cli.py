@@ -1,0 +1,257 @@
+"""The command line: exit codes, what is written, what is printed, and how it is interrupted."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from plans import POINT, TOUCH, written
+
+from trunk_ocp import cli
+from trunk_ocp.errors import InputError
+from trunk_ocp.storage import load_plan
+
+SOLVE_MOTION = Path(sys.executable).parent / "solve-motion"
+FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.0, 0.0]")  # the trunk is 1.75 m long
+
+
+def run(*arguments):
+    """`solve-motion` in this process."""
+    return CliRunner().invoke(cli.solve, [str(argument) for argument in arguments])
+
+
+def summary(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+# --- solved ------------------------------------------------------------------------------
+
+
+def test_a_solved_motion_exits_0_and_leaves_three_files(tmp_path):
+    result = run(written(tmp_path, POINT), "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in (tmp_path / "out" / "horizon").iterdir()} == {
+        "summary.json",
+        "activations.csv",
+        "solution.nc",
+    }
+    report = summary(tmp_path / "out" / "horizon")
+    assert (report["status"], report["verified"]) == ("solved", True)
+    assert "solved and verified" in result.stdout
+    assert str(tmp_path / "out") in result.stdout.replace("\n", "")
+    assert result.stderr == ""
+
+
+@pytest.mark.parametrize("text", [TOUCH, POINT], ids=["one step", "four steps"])
+@pytest.mark.parametrize("mode", ["horizon", "sequential"])
+def test_results_are_in_a_folder_named_by_the_mode(tmp_path, text, mode):
+    result = run(written(tmp_path, text), "--out", tmp_path / "out", "--mode", mode)
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [mode]
+    assert summary(tmp_path / "out" / mode)["mode"] == mode
+
+
+@pytest.mark.parametrize("text", [TOUCH, POINT], ids=["one step", "four steps"])
+def test_both_modes_are_compared(tmp_path, text):
+    result = run(written(tmp_path, text), "--out", tmp_path / "out", "--mode", "both")
+    assert result.exit_code == 0, result.output
+    comparison = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert set(comparison) == {"sequential", "horizon"}
+    for mode, figures in comparison.items():
+        report = summary(tmp_path / "out" / mode)
+        assert figures["objective"] == report["planner_objective"]["total"]
+
+
+def test_a_lookahead_between_is_a_receding_horizon(tmp_path):
+    result = run(written(tmp_path, POINT), "--out", tmp_path / "out", "--lookahead", 2)
+    assert result.exit_code == 0, result.output
+    report = summary(tmp_path / "out" / "receding-2")
+    assert (report["mode"], report["lookahead"]) == ("receding", 2)
+
+
+def test_results_go_to_a_folder_of_the_problems_name(tmp_path, monkeypatch):
+    path = written(tmp_path, TOUCH)
+    monkeypatch.chdir(tmp_path)
+    assert run(path.name).exit_code == 0
+    assert summary(tmp_path / "results" / "touch" / "horizon")["problem"] == "touch"
+
+
+def test_quiet_prints_nothing(tmp_path):
+    result = run(written(tmp_path, TOUCH), "--out", tmp_path / "out", "--quiet")
+    assert (result.exit_code, result.output) == (0, "")
+    assert (tmp_path / "out" / "horizon" / "solution.nc").is_file()
+
+
+def test_json_prints_the_summary_and_nothing_else(tmp_path):
+    result = run(written(tmp_path, POINT), "--out", tmp_path / "out", "--mode", "both", "--json")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    reports = json.loads(result.stdout)
+    assert set(reports) == {"horizon", "sequential"}
+    for mode, report in reports.items():
+        assert report == summary(tmp_path / "out" / mode)
+
+
+@pytest.mark.parametrize("command", ["solve", "tables", "schema"])
+def test_every_command_has_help(command):
+    result = CliRunner().invoke(cli.main, [command, "--help"])
+    assert result.exit_code == 0
+    assert "Usage:" in result.stdout
+
+
+def test_trunk_ocp_solve_is_the_same_command():
+    ours = CliRunner().invoke(cli.main, ["solve", "--help"]).stdout.split("\n", 1)[1]
+    assert ours == run("--help").stdout.split("\n", 1)[1]
+
+
+class StopHereError(InputError):
+    """Raised in place of planning."""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], ("pick-fruit", None)),
+        (["lift-log"], ("lift-log", None)),
+        (["lift-log-asymmetric", "--mode", "sequential"], ("lift-log-asymmetric", 1)),
+        (["lift-log", "--lookahead", "4"], ("lift-log", 4)),
+    ],
+)
+def test_what_is_planned(monkeypatch, tmp_path, arguments, expected):
+    seen = []
+
+    def planner(motion, lookahead=None, *rest, **options):
+        seen.append((motion.name, lookahead))
+        raise StopHereError("enough")
+
+    monkeypatch.setattr(cli, "plan_motion", planner)
+    assert run(*arguments, "--out", tmp_path / "out").exit_code == 2
+    assert seen == [expected]
+
+
+# --- exit code 2 -------------------------------------------------------------------------
+
+WRONG = {
+    "unknown name": (["pick-friut"], "Did you mean pick-fruit?"),
+    "missing file": (["nowhere/problem.toml"], "nowhere/problem.toml"),
+    "unknown key": (["gravty.toml"], "Did you mean gravity?"),
+    "not TOML": (["broken.toml"], "not valid TOML"),
+    "missing linear solver": (["good.toml", "--linear-solver", "nosuch"], "nosuch"),
+    "linear solver of sequential": (
+        ["good.toml", "--mode", "sequential", "--linear-solver", "nosuch"],
+        "nosuch",
+    ),
+    "mode and lookahead": (["good.toml", "--mode", "both", "--lookahead", "2"], "not both"),
+    "even the default mode": (["good.toml", "--mode", "horizon", "--lookahead", "2"], "not both"),
+    "no lookahead": (["good.toml", "--lookahead", "0"], "--lookahead"),
+    "unknown mode": (["good.toml", "--mode", "clever"], "clever"),
+    "no iterations": (["good.toml", "--max-iterations", "0"], "--max-iterations"),
+    "unknown option": (["good.toml", "--fast"], "--fast"),
+    "two problems": (["good.toml", "good.toml"], "extra argument"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG.values(), ids=WRONG)
+def test_bad_input_exits_2_and_writes_nothing(tmp_path, monkeypatch, arguments, message):
+    written(tmp_path, TOUCH, "good.toml")
+    written(tmp_path, "gravty = 9.8\n" + TOUCH, "gravty.toml")
+    written(tmp_path, "name = [", "broken.toml")
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert "Traceback" not in result.output
+    assert isinstance(result.exception, SystemExit)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("blocked", ["out", "out/horizon"])
+def test_a_folder_that_cannot_be_made_exits_2(tmp_path, blocked):
+    (tmp_path / blocked).parent.mkdir(exist_ok=True)
+    (tmp_path / blocked).write_text("a file")
+    result = run(written(tmp_path, TOUCH), "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "out" in result.stderr
+    assert "Traceback" not in result.output
+
+
+# --- exit code 3 -------------------------------------------------------------------------
+
+
+def test_an_unreachable_target_exits_3_with_results_marked(tmp_path):
+    result = run(written(tmp_path, FAR), "--out", tmp_path / "out")
+    assert result.exit_code == 3, result.output
+    report = summary(tmp_path / "out" / "horizon")
+    assert (report["status"], report["verified"]) == ("missed", True)
+    # A trunk of 1.75 m at 1.35 times its length, its base moved by 2 * 0.44 m at most.
+    assert report["max_position_error"] >= 5.0 - 1.35 * 1.75 - 0.875
+    assert "missed by" in result.stdout
+    assert report["missed"][0].startswith("step 1: the target at Z = 1.75 m is missed by")
+
+
+def test_too_few_iterations_exit_3_with_results_marked(tmp_path):
+    result = run(written(tmp_path, TOUCH), "--out", tmp_path / "out", "--max-iterations", 3)
+    assert result.exit_code == 3
+    assert summary(tmp_path / "out" / "horizon")["status"] == "not_converged"
+    assert not load_plan(tmp_path / "out" / "horizon").converged
+
+
+def test_one_bad_mode_of_two_exits_3(tmp_path):
+    result = run(written(tmp_path, FAR), "--out", tmp_path / "out", "--mode", "both", "--quiet")
+    assert (result.exit_code, result.output) == (3, "")
+
+
+# --- as installed ------------------------------------------------------------------------
+
+
+def started(*arguments):
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(
+        [SOLVE_MOTION, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def test_the_installed_command_solves(tmp_path):
+    process = started(written(tmp_path, TOUCH), "--out", tmp_path / "out", "--json")
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, err) == (0, "")
+    assert json.loads(out)["horizon"]["status"] == "solved"
+
+
+def test_an_interrupt_exits_4_with_the_best_so_far_saved(tmp_path):
+    process = started("lift-log", "--out", tmp_path / "out")
+    for line in process.stdout:
+        if "horizon" in line:  # the horizon's own solve has begun
+            break
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 4, out + err
+    assert "Traceback" not in err
+    assert "Stopping" in out
+    report = summary(tmp_path / "out" / "horizon")
+    assert report["status"] == "interrupted"
+    assert len(report["timesteps"]) == 10
+    assert load_plan(tmp_path / "out" / "horizon").interrupted
+
+
+def test_an_interrupt_of_the_first_steps_saves_those_that_are_done(tmp_path):
+    process = started("lift-log", "--out", tmp_path / "out", "--mode", "sequential")
+    for line in process.stdout:
+        if "sequential" in line:
+            break
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 4, out + err
+    assert "Traceback" not in err
+    report = summary(tmp_path / "out" / "sequential")
+    assert report["status"] == "interrupted"
+    assert 1 <= len(report["timesteps"]) < 10

@@ -1,0 +1,172 @@
+"""Motions of a user's own: the smallest file, paths, directors, another trunk."""
+
+import numpy as np
+import pytest
+from plans import POINT, TOUCH, written
+from scipy.spatial.transform import Rotation
+
+from trunk_ocp.errors import InputError
+from trunk_ocp.motion import load_motion
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.solution import Status
+
+ROD = """
+name = "soft-arm"
+length = 1.0
+base_radius_over_length = 0.05
+
+[material]
+youngs_modulus = 1.0e6
+poisson_ratio = 0.5
+density = 1000.0
+
+[[segments]]
+Z_over_length = [0.0, 1.0]
+muscles = [
+  { group = "top", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0.0, 1.5] },
+  { group = "low", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [1.6, 3.1] },
+]
+"""  # noqa: E501  # TOML's inline tables stand on one line
+
+REACH = """
+name = "reach"
+anatomy = "arm.toml"
+
+[bounds]
+activation = [-2.0, 0.0]
+extension = [0.5, 1.5]
+
+[[phases]]
+name = "bend"
+duration = 1.0
+
+[[phases.targets]]
+Z = 1.0
+"""
+
+
+def solved(motion):
+    plan = plan_motion(motion)
+    assert plan.status is Status.SOLVED, (plan.missed, plan.verification.faults)
+    return plan
+
+
+def planned_text(folder, text):
+    return solved(load_motion(written(folder, text)))
+
+
+def test_the_smallest_problem_file_is_planned_and_verified(tmp_path):
+    plan = planned_text(tmp_path, TOUCH)
+    tip = plan.shape.position(np.array([1.75]))[0, 0]
+    assert np.linalg.norm(tip - (0.6, 0.1, 1.2)) <= 0.02  # the default tolerance
+    assert plan.verified
+
+
+def test_a_path_is_followed_from_its_start_to_its_end(tmp_path):
+    text = POINT.replace(
+        "[[0.6, 0.1, 1.2], [0.7, 0.0, 1.1]]", "[[0.6, 0.1, 1.2], [0.8, 0.1, 1.1], [0.7, 0.0, 1.1]]"
+    )
+    plan = planned_text(tmp_path, text)
+    first, last = (step.targets[0].position for step in plan.motion.steps[2:])
+    # Quadratic Bezier (eq. 53) at t = 1/2: (c_1 + 2 p + c_end) / 4.
+    np.testing.assert_allclose(first, (0.725, 0.075, 1.125), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(last, (0.7, 0.0, 1.1), rtol=0, atol=1e-12)
+    assert max(errors.position.max() for errors in plan.errors) <= 0.02
+
+
+@pytest.mark.parametrize("director", [1, 2])
+def test_d1_and_d2_can_be_asked_for(tmp_path, director):
+    """The passive tip's own director, turned by a tenth of a radian about its tangent."""
+    rest = load_motion("lift-log").trunk
+    assert rest.length == 1.75
+    tangent = np.array([0.312892, 0, 0.949789])  # d3(L) of the passive trunk, DESIGN 2
+    across = {1: np.cross([0.0, 1, 0], tangent), 2: np.array([0.0, 1, 0])}[director]
+    wanted = Rotation.from_rotvec(0.1 * tangent).apply(across)
+    text = TOUCH.replace(
+        "position = [0.6, 0.1, 1.2]", f"d{director} = {wanted.tolist()}\nd{director}_weight = 3.0"
+    )
+    plan = planned_text(tmp_path, text)
+    (target,) = plan.motion.steps[0].targets
+    assert [(j, w) for j, _, w in target.pairs()] == [(director - 1, 3.0)]
+    reached = plan.verification.trajectory.directors[0, -1, director - 1]
+    # 3 |error|^2 stands against an effort of 1e-5 |gamma|^2: 0.05 is the default tolerance.
+    assert np.linalg.norm(reached - wanted / np.linalg.norm(wanted)) <= 0.05
+
+
+def test_a_direction_need_not_be_of_unit_length(tmp_path):
+    text = TOUCH.replace("position", "d3 = [0.0, 0.0, 7.0]\nposition")
+    (target,) = load_motion(written(tmp_path, text)).steps[0].targets
+    assert target.directions[2] == (0.0, 0.0, 1.0)
+
+
+def arm(tmp_path, target, anatomy=ROD):
+    written(tmp_path, anatomy, "arm.toml")
+    return load_motion(written(tmp_path, REACH + target))
+
+
+def test_a_trunk_of_its_own_stands_beside_the_problem_file(tmp_path):
+    motion = arm(tmp_path, "position = [0.2, 0.1, 0.9]")
+    assert motion.trunk.muscles == ("R1-top", "R1-low", "L1-top", "L1-low")
+    plan = solved(motion)
+    assert plan.x.shape == (1, 6)
+    tip = plan.verification.trajectory.position[0, -1]
+    assert np.linalg.norm(tip - (0.2, 0.1, 0.9)) <= 0.02
+
+
+def test_a_symmetric_task_of_a_symmetric_trunk_is_done_symmetrically(tmp_path):
+    """Target in the median plane, a strictly convex effort: right and left do the same."""
+    plan = solved(arm(tmp_path, "position = [0.25, 0.0, 0.9]"))
+    right, left = np.split(plan.activations[0], 2)
+    # The optimum is flat: Ipopt's tolerance of 1e-8 on a curvature of 2e-5.
+    np.testing.assert_allclose(right, left, rtol=0, atol=2e-3)
+    assert abs(plan.shape.position(np.array([1.0]))[0, 0, 1]) <= 1e-4
+
+
+def test_a_weightless_arm_rests_where_its_target_is(tmp_path):
+    """Already there, so nothing needs to be done: effort and rate go to zero."""
+    (tmp_path / "arm.toml").write_text(ROD)
+    text = REACH.replace("[bounds]", "gravity = 0.0\n\n[bounds]", 1).replace(
+        'anatomy = "arm.toml"\n\n', 'anatomy = "arm.toml"\n'
+    )
+    plan = planned_text(tmp_path, text + "position = [0.0, 0.0, 1.0]")
+    # Ipopt keeps 1e-5-ish away from active bounds until its barrier is gone.
+    assert np.abs(plan.x).max() <= 1e-3
+    assert plan.errors[0].position.max() <= 1e-4
+
+
+def test_a_motion_without_gravity_is_verified(tmp_path):
+    """No load, no moment anywhere: the free tip's share of nothing is no fault."""
+    plan = planned_text(tmp_path, TOUCH.replace("[bounds]", "gravity = 0.0\n\n[bounds]"))
+    assert np.abs(plan.shape.moment(np.linspace(0, 1.75, 5))).max() <= 1e-3  # N m
+
+
+def test_contact_may_start_at_the_base(tmp_path):
+    text = TOUCH.replace(
+        "duration = 1.0",
+        "duration = 1.0\nloads.contact_from = 0.0\nloads.contact_force = [0.0, 0.0, 20.0]",
+    )
+    plan = planned_text(tmp_path, text)
+    sample = plan.sample(0.5)
+    assert sample.loads.contact_from == 0.0
+    assert sample.loads.contact_force == pytest.approx((0, 0, 10.0))
+
+
+def test_different_places_of_contact_are_refused(tmp_path):
+    text = POINT.replace("steps = 2\n", "steps = 2\nloads.contact_from = 1.0\n", 1).replace(
+        'interpolation = "hermite"', 'interpolation = "hermite"\nloads.contact_from = 1.2'
+    )
+    with pytest.raises(InputError, match=r"\[1\.0, 1\.2\].*one place"):
+        load_motion(written(tmp_path, text))
+
+
+def test_a_wrap_needs_room_between_its_points(tmp_path):
+    """Points that coincide have no tangent: better refused than NaN."""
+    wrap = (
+        "[phases.wrap]\nZ = [0.8, 1.0]\npoints = 3\nlog_radius = 0.07\nangles_deg = [30.0, 30.0]\n"
+        "center = [0.0, 0.0, 0.8]\nposition_weights = [1.0, 1.0, 1.0]\n"
+        "d3_weights = [1.0, 1.0, 1.0]\n"
+    )
+    written(tmp_path, ROD, "arm.toml")
+    path = written(tmp_path, REACH.replace("[[phases.targets]]\nZ = 1.0\n", wrap))
+    with pytest.raises(InputError, match="wrap"):
+        load_motion(path)

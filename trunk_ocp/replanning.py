@@ -1,0 +1,84 @@
+"""Planning again, fast, after a target, a load or a bound has moved a little."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from .errors import InputError
+from .motion import Motion
+from .planner import Options, Pass, State, task_of
+from .reporting import Reporter
+from .solution import Plan
+from .solver import Optimiser
+from .transcription import Window
+
+
+class Replanner:
+    """Keeps a horizon's solver, solution and multipliers, and re-solves from there.
+
+    A motion that differs a little costs a few iterations:
+
+        again = Replanner(plan)
+        plan = again(moved_motion)
+
+    Parameters
+    ----------
+    plan : Plan
+        A converged horizon plan; it is solved once more to get the multipliers.
+
+    Raises
+    ------
+    InputError
+        If the plan does not cover all time steps.
+    """
+
+    def __init__(
+        self, plan: Plan, options: Options | None = None, reporter: Reporter | None = None
+    ) -> None:
+        if len(plan.x) != len(plan.motion.steps):
+            raise InputError("plan: expected all time steps of its motion to be planned.")
+        options = options or Options()
+        self._reporter = reporter or Reporter()
+        self._options = replace(options, weights=plan.weights)
+        self._optimiser = Optimiser(
+            options.linear_solver, options.max_iterations, self._reporter, warm=True
+        )
+        window, _ = self._window(plan.motion)
+        self._structure = window.structure
+        start = window.pack(plan.x, plan.shape)
+        self._last = self._optimiser.solve(window, start, "re-plan", "multipliers")
+
+    def __call__(self, motion: Motion) -> Plan:
+        """Plan a motion of the same steps, kinds of targets and mesh as the last one.
+
+        Raises
+        ------
+        InputError
+            If the motion has another structure; plan it anew with `plan_motion`.
+        """
+        began = time.perf_counter()
+        before = self._optimiser.solve_seconds
+        window, planner = self._window(motion)
+        if window.structure != self._structure:
+            raise InputError(
+                f"{motion.name}: differs from the planned motion in more than numbers; expected "
+                "the same steps, target points and kinds of bounds. Use plan_motion."
+            )
+        last = self._last
+        outcome = self._optimiser.solve(window, last.full, "re-plan", "moved", last.multipliers)
+        if outcome.converged:
+            self._last = outcome
+        state = State()
+        planner.keep(window, outcome, len(motion.steps), state)
+        return replace(
+            planner.plan(state),
+            iterations=outcome.iterations,
+            solve_seconds=self._optimiser.solve_seconds - before,
+            total_seconds=time.perf_counter() - began,
+        )
+
+    def _window(self, motion: Motion) -> tuple[Window, Pass]:
+        count = len(motion.steps)
+        planner = Pass(motion, count, self._options, self._optimiser, self._reporter, None)
+        return planner.window(0, [task_of(step) for step in motion.steps], State()), planner
