@@ -227,31 +227,24 @@ def test_the_installed_command_solves(tmp_path):
     assert json.loads(out)["horizon"]["status"] == "solved"
 
 
-def test_an_interrupt_exits_4_with_the_best_so_far_saved(tmp_path):
-    process = started("lift-log", "--out", tmp_path / "out")
-    for line in process.stdout:
-        if "horizon" in line:  # the horizon's own solve has begun
-            break
+@pytest.mark.parametrize(
+    ("mode", "line", "folder", "steps"),
+    [
+        ("sequential", "sequential", "sequential", range(1, 10)),  # only those already done
+        ("horizon", "sequential", "horizon", range(1, 10)),  # in the plan it would start from
+        ("horizon", "steps 1 to 10", "horizon", range(10, 11)),  # the best whole motion
+        ("both", "steps 1 to 10", "horizon", range(10, 11)),
+    ],
+)
+def test_an_interrupt_exits_4_with_the_best_so_far_saved(tmp_path, mode, line, folder, steps):
+    process = started("lift-log", "--out", tmp_path / "out", "--mode", mode)
+    assert any(line in text for text in process.stdout)  # reads until it is shown
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=120)
     assert process.returncode == 4, out + err
     assert "Traceback" not in err
     assert "Stopping" in out
-    report = summary(tmp_path / "out" / "horizon")
+    report = summary(tmp_path / "out" / folder)
     assert report["status"] == "interrupted"
-    assert len(report["timesteps"]) == 10
-    assert load_plan(tmp_path / "out" / "horizon").interrupted
-
-
-def test_an_interrupt_of_the_first_steps_saves_those_that_are_done(tmp_path):
-    process = started("lift-log", "--out", tmp_path / "out", "--mode", "sequential")
-    for line in process.stdout:
-        if "sequential" in line:
-            break
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=120)
-    assert process.returncode == 4, out + err
-    assert "Traceback" not in err
-    report = summary(tmp_path / "out" / "sequential")
-    assert report["status"] == "interrupted"
-    assert 1 <= len(report["timesteps"]) < 10
+    assert len(report["timesteps"]) in steps
+    assert load_plan(tmp_path / "out" / folder).interrupted

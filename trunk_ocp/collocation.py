@@ -15,6 +15,7 @@ import numpy as np
 
 from .anatomy import Trunk
 from .errors import InputError
+from .loads import check_contact
 
 
 @dataclass(frozen=True)
@@ -116,10 +117,16 @@ def mesh_for(
 ) -> Mesh:
     """Mesh with an edge on every jump: segment ends and the start of contact Z_w.
 
-    About `elements` elements are shared out so that each spans an equal length measured in
-    local radii, the scale on which a tapered trunk bends; a stretch between two jumps has at
-    least one.
+    Every stretch between two jumps gets one element; the rest of `elements` go where elements
+    are longest, measured in local radii, the scale on which a tapered trunk bends.
+
+    Raises
+    ------
+    InputError
+        If contact does not start on the trunk.
     """
+    if contact_from is not None:
+        check_contact(trunk, contact_from)
     jumps = sorted({*trunk.edges, *([] if contact_from is None else [contact_from])})
     k = trunk.taper_rate
 
@@ -127,10 +134,12 @@ def mesh_for(
         return -np.log1p(-k * Z) / k if k > 0 else Z
 
     reach = in_radii(np.asarray(jumps))
+    pieces = np.ones(reach.size - 1, dtype=int)
+    while pieces.sum() < elements:
+        pieces[np.argmax(np.diff(reach) / pieces)] += 1
     edges = [0.0]
-    for start, end, jump in zip(reach[:-1], reach[1:], jumps[1:], strict=True):
-        pieces = max(1, round(elements * (end - start) / reach[-1]))
-        inner = np.linspace(start, end, pieces + 1)[1:]
+    for start, end, jump, count in zip(reach[:-1], reach[1:], jumps[1:], pieces, strict=True):
+        inner = np.linspace(start, end, count + 1)[1:]
         edges += list(-np.expm1(-k * inner) / k if k > 0 else inner)
         edges[-1] = jump  # itself, not its round trip
     return Mesh(tuple(float(edge) for edge in edges), degree)

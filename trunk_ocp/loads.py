@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,10 +40,10 @@ class Loads:
 
     def __post_init__(self) -> None:
         for name in ("tip_force", "contact_force", "contact_couple"):
-            vector = np.asarray(getattr(self, name), dtype=float)
-            if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-                raise InputError(f"loads.{name}: expected three finite numbers, got {vector!r}.")
-            object.__setattr__(self, name, tuple(float(v) for v in vector))
+            object.__setattr__(self, name, vector(_numbers(self, name, (3,))))
+        for name in ("gravity", "contact_from"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, float(_numbers(self, name, ())))
         if self.contact_from is None and (
             self.contact_force != ZERO or self.contact_couple != ZERO
         ):
@@ -62,6 +63,17 @@ class Loads:
         )
 
 
+def _numbers(loads: Loads, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """A field of loads as finite numbers of a shape, or InputError."""
+    value, count = getattr(loads, name), "three finite numbers" if shape else "a finite number"
+    if not isinstance(value, str):
+        with contextlib.suppress(TypeError, ValueError):
+            array = np.asarray(value, dtype=float)
+            if array.shape == shape and np.all(np.isfinite(array)):
+                return array
+    raise InputError(f"loads.{name} = {value!r}: expected {count}.")
+
+
 def vector(v: np.ndarray) -> Vector:
     """Three numbers as a tuple, which can be hashed."""
     return (float(v[0]), float(v[1]), float(v[2]))
@@ -79,13 +91,20 @@ def mass_beyond(trunk: Trunk, Z: np.ndarray | float) -> np.ndarray:
     return np.pi * trunk.density / (3 * L**2) * frustum
 
 
+def check_contact(trunk: Trunk, Z_w: float) -> None:
+    """Raise InputError unless contact starts on the trunk."""
+    if not 0 <= Z_w < trunk.length:
+        raise InputError(
+            f"loads.contact_from = {Z_w:g}: expected 0 <= Z_w < L = {trunk.length:g} m."
+        )
+
+
 def contact_share(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
     """Share of the contact force that acts beyond Z (eq. 15), from 1 at Z <= Z_w to 0 at L."""
     if loads.contact_from is None:
         return np.zeros_like(Z)
     L, Z_w = trunk.length, loads.contact_from
-    if not 0 <= Z_w < L:
-        raise InputError(f"loads.contact_from = {Z_w:g}: expected 0 <= Z_w < L = {L:g} m.")
+    check_contact(trunk, Z_w)
     return (L - np.maximum(Z, Z_w)) / (L - Z_w)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from .errors import InputError
-from .loads import Loads, vector
+from .loads import Loads, Vector, vector
 from .problem_file import (
     ChangeSpec,
     LimitsSpec,

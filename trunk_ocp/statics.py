@@ -14,7 +14,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from .activation import mean_extension, segment_at, strains
+from .activation import mean_extension, segment_at, stiffness, strains
 from .anatomy import Trunk, check_activation
 from .collocation import Mesh, gauss, mesh_for
 from .errors import InputError, StaticsError
@@ -109,17 +109,17 @@ def solve_statics(
     """
     activation = check_activation(trunk, activation)
     head = np.asarray(head, dtype=float)
-    if head.shape[-1:] != (2,):
-        raise InputError(f"head: expected (psi_Z, psi_Y), shape (..., 2), got {head.shape}.")
+    if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
+        raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
     every = [loads or Loads()] if isinstance(loads, Loads | None) else list(loads)
-    batch = np.broadcast_shapes(activation.shape[:-1], head.shape[:-1])
-    if len(every) > 1 and batch != (len(every),):
-        batch = np.broadcast_shapes(batch, (len(every),))
-    count = int(np.prod(batch))
+    batch = _batch(activation.shape[:-1], head.shape[:-1], len(every))
     contacts = {load.contact_from for load in every}
-    if len(contacts) > 1 and mesh is None:
-        raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
-    mesh = mesh or mesh_for(trunk, contacts.pop())
+    if mesh is None:
+        if len(contacts) > 1:
+            raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
+        mesh = mesh_for(trunk, contacts.pop())
+    _check_mesh(mesh, trunk, every)
+    count = int(np.prod(batch))
     problem = _Problem(
         trunk,
         mesh,
@@ -129,8 +129,35 @@ def solve_statics(
     )
     states, converged = problem.newton(problem.unloaded())
     for index in np.flatnonzero(~converged).tolist():
-        states[index] = problem.only(index).continuation()
+        try:
+            states[index] = problem.only(index).continuation()
+        except StaticsError as error:
+            which = f"shape {index + 1} of {count}: " if count > 1 else ""
+            raise StaticsError(f"{which}{error}", error.load_fraction) from None
     return problem.shape(states, batch)
+
+
+def _batch(activation: tuple[int, ...], head: tuple[int, ...], loads: int) -> tuple[int, ...]:
+    """Leading axes of the result, the loads along the last of them."""
+    try:
+        batch = np.broadcast_shapes(activation, head, () if loads == 1 else (loads,))
+    except ValueError:
+        batch = (0,)
+    if loads == 0 or 0 in batch or (loads > 1 and batch[-1] != loads):
+        raise InputError(
+            f"activation, head and loads: expected leading axes that match, got {activation} "
+            f"and {head} with {loads} loads."
+        )
+    return batch
+
+
+def _check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
+    jumps = {*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None}
+    if not jumps <= {*mesh.edges} or (mesh.edges[0], mesh.edges[-1]) != (0.0, trunk.length):
+        raise InputError(
+            f"mesh: expected edges from 0 to {trunk.length:g} m, with one on every segment end and "
+            "start of contact; mesh_for makes such a mesh."
+        )
 
 
 def shape_of_states(
@@ -199,12 +226,13 @@ class _Problem:
         states = states.copy()
         active = np.arange(len(self.loads))
         converged = np.zeros(len(self.loads), dtype=bool)
+        floor = 1e-3 * stiffness(self.trunk, 0.0)[1] / self.trunk.length  # N m, for tiny loads
         with np.errstate(all="ignore"):  # a rod that diverges is dropped, not reported
             for _ in range(MAX_ITERATIONS):
                 change = self._step(states[active], w[:, active], p[:, active])
                 states[active] += change
                 size = np.abs(change).max(axis=(1, 2, 3), initial=0.0, where=_IS_Q)
-                moment = np.abs(states[active][..., 4:]).max(axis=(1, 2, 3)) + 1.0
+                moment = np.abs(states[active][..., 4:]).max(axis=(1, 2, 3)) + floor
                 size = np.maximum(size, np.abs(change[..., 4:]).max(axis=(1, 2, 3)) / moment)
                 converged[active[size < TOLERANCE]] = True
                 active = active[(size >= TOLERANCE) & (size < 1e6)]  # NaN drops out as well
@@ -230,7 +258,7 @@ class _Problem:
         right = np.zeros((B, E, d, STATES, 1 + STATES))
         right[..., 0] = -residual
         right[..., same, 1 + same] = -element.derivative[:, 0][:, None]
-        inner = np.linalg.solve(matrix.reshape(B, E, n, n), right.reshape(B, E, n, -1))
+        inner = _solve(matrix.reshape(B, E, n, n), right.reshape(B, E, n, -1))
         inner = inner.reshape(B, E, d, STATES, 1 + STATES)
         return self._chain(states, inner)
 
@@ -250,7 +278,7 @@ class _Problem:
                 end = np.einsum("j,bjx->bx", at_end, states[:, k])
                 left[:, k + 1, :, 0] += end - states[:, k + 1, 0]
         tip = np.einsum("j,bjx->bx", at_end, states[:, -1])[:, 4:]
-        dm0 = np.linalg.solve(left[:, -1, 4:, 1:], -(tip + left[:, -1, 4:, 0])[..., None])
+        dm0 = _solve(left[:, -1, 4:, 1:], -(tip + left[:, -1, 4:, 0])[..., None])
         step = np.empty_like(states)
         edge = left[:, :-1, :, 0] + (left[:, :-1, :, 1:] @ dm0[:, None])[..., 0]
         step[:, :, 0] = edge
@@ -294,6 +322,18 @@ class _Problem:
 
 
 _IS_Q = np.arange(STATES) < 4
+
+
+def _solve(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve the systems of every rod (axis 0); NaN for those that are singular."""
+    try:
+        return np.linalg.solve(matrices, right)
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return np.full_like(right, np.nan)
+        return np.concatenate(
+            [_solve(matrices[i : i + 1], right[i : i + 1]) for i in range(len(right))]
+        )
 
 
 @cache
