@@ -23,6 +23,6 @@ def test_the_documented_keys_are_those_of_the_format():
     schema = to.problem_schema()
     known = {key for part in schema["$defs"].values() for key in part["properties"]}
     known |= set(schema["properties"])
-    shown = {key for key in known if f"`{key}`" in text or f"{key} =" in text or f"{key}," in text}
+    shown = {key for key in known if re.search(rf"\b{key}\b", text)}
     missing = known - shown - {"phases", "targets", "wrap", "loads"}
     assert not missing

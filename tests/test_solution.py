@@ -9,7 +9,7 @@ from plans import first_steps, planned
 from trunk_ocp.comparison import compare, measure
 from trunk_ocp.motion import Box
 from trunk_ocp.planner import plan_motion
-from trunk_ocp.solution import Status, mode_of
+from trunk_ocp.solution import Status
 
 
 @pytest.fixture(scope="module")
@@ -161,14 +161,6 @@ def test_steps_near_an_auxiliary_solution_are_checked_against_it():
 
 
 # --- names and measures -------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("lookahead", "steps", "mode"),
-    [(1, 10, "sequential"), (2, 10, "receding"), (9, 10, "receding"), (10, 10, "horizon")],
-)
-def test_modes_are_named_by_lookahead(lookahead, steps, mode):
-    assert mode_of(lookahead, steps) == mode
 
 
 def test_a_comparison_has_the_same_measures_of_both_plans(plan):

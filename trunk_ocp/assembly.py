@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
@@ -82,6 +84,18 @@ class Assembly:
             )
             terms.append(Term(function, variables, scatter, parameters))
         return Programme(sp.csr_matrix((value, (row, column)), shape), tuple(terms))
+
+    def digest(self) -> bytes:
+        """Fingerprint of the programme without its parameter values."""
+        known = hashlib.blake2b(f"{self._count} {self._rows}".encode())
+        for function, variables, _, scatter in self._terms:
+            known.update(f"{function.__hash__()} {variables.shape}".encode())
+            for array in (variables, *scatter):
+                known.update(np.ascontiguousarray(array).tobytes())
+        for entries in self._linear:
+            for array in entries:
+                known.update(array.tobytes())
+        return known.digest()
 
     @property
     def parameters(self) -> np.ndarray:

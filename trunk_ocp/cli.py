@@ -98,8 +98,9 @@ def solve(
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         with Screen(console, motion) as screen, _interruptible(screen):
             plans = _plans(motion, mode, lookahead, options, screen)
+            for plan in plans:
+                save_plan(plan, folder / plan_folder(plan))
         for plan in plans:
-            save_plan(plan, folder / plan_folder(plan))
             console.print(step_table(plan))
             _verdict(console, plan)
         if len(plans) == 2:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .solution import Plan
+from .solution import Plan, squared_rate
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,16 @@ class Measures:
     effort : float
         Sum over time steps of the squared activations.
     squared_rate : float
-        Integral over time of the squared rates of activations and head angles, 1/s.
+        Integral over time of the squared rates of activations and head angles, 1/s, of straight
+        lines between time steps.
     largest_change : float
-        Largest change of one activation between two time steps.
+        Largest change of one activation between two time steps, the first step's from rest
+        left out.
     change_excess : float
         Largest excess over the bounds on change between consecutive steps; a sequential plan
         that follows auxiliary solutions may have one.
     seconds : float
-        Wall time of the plan.
+        Wall time of the plan, the plan it starts from included.
     """
 
     objective: float
@@ -67,7 +69,7 @@ def measure(plan: Plan) -> Measures:
         mean_position_error=float(positions.mean()) if positions.size else 0.0,
         worst_direction_error=float(directions.max(initial=0.0)),
         effort=float(np.sum(plan.activations**2)),
-        squared_rate=plan.objective.rate / plan.weights.rate if plan.weights.rate else 0.0,
+        squared_rate=squared_rate(plan),
         largest_change=float(np.abs(change[1:, :-2]).max(initial=0.0)),
         change_excess=max(0.0, float(max(excess, default=0.0))),
         iterations=plan.iterations,

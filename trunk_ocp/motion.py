@@ -131,7 +131,8 @@ class Motion:
     @property
     def contact_from(self) -> float | None:
         """Start of contact Z_w in m, where any step has contact."""
-        return next((s.loads.contact_from for s in self.steps if s.loads.contact_from), None)
+        starts = (step.loads.contact_from for step in self.steps)
+        return next((start for start in starts if start is not None), None)
 
 
 def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
@@ -170,7 +171,10 @@ def load_motion(name_or_path: str | Path) -> Motion:
     path = shipped(str(name_or_path), problems_folder())
     spec = read_toml(path, ProblemSpec)
     beside = path.parent / spec.anatomy
-    anatomy = read_anatomy(beside if beside.is_file() else spec.anatomy)
+    try:
+        anatomy = read_anatomy(beside if beside.is_file() else spec.anatomy)
+    except InputError as error:
+        raise InputError(f"{path}:\n  anatomy: {error}") from None
     try:
         return build_motion(spec, anatomy)
     except InputError as error:
@@ -243,6 +247,13 @@ def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
         if angles is not None:
             lower[index], upper[index] = np.radians(angles)
+    if outer is not None:
+        lower, upper = np.maximum(lower, outer.lower), np.minimum(upper, outer.upper)
+    for i in np.flatnonzero(lower > upper).tolist():
+        name = (*trunk.muscles, "head_z_deg", "head_y_deg")[i]
+        raise InputError(
+            f"{where}: {name} may be nowhere; expected bounds that overlap with the motion's."
+        )
     return Box(lower, upper)
 
 

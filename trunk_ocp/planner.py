@@ -8,6 +8,7 @@ horizon; the loop is the same.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import time
 from collections.abc import Iterator
@@ -15,13 +16,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .activation import strains
 from .collocation import Mesh, mesh_for
 from .errors import InputError, StaticsError
 from .loads import Loads
 from .motion import Box, Motion, Step, allowed
 from .reporting import Reporter
-from .solution import Plan, loads_of, mode_of
-from .solver import Optimiser, Outcome
+from .rod import STATES
+from .solution import Plan, loads_of
+from .solver import CONVERGED, Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Task, Weights, Window
@@ -87,8 +90,8 @@ def plan_motion(
         auxiliary problems, guesses and feasible sets), None all of them.
     start : Plan, optional
         A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
-        the sequential plan; it never returns anything worse by its own objective, as long as
-        that plan keeps the bounds on change, which appendix B does not ask of it.
+        the sequential plan. A horizon returns nothing worse by its own objective, as long as
+        the start keeps the horizon's bounds, which appendix B does not ask of a sequential plan.
 
     Returns
     -------
@@ -105,27 +108,29 @@ def plan_motion(
     began = time.perf_counter()
     options, reporter = options or Options(), reporter or Reporter()
     count = len(motion.steps)
-    if lookahead is not None and lookahead < 1:
+    if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
         raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
+    mode = "horizon" if lookahead is None or lookahead >= count else "receding"
+    mode = "sequential" if lookahead == 1 else mode
     lookahead = min(lookahead or count, count)
+    if start is not None and start.motion.trunk != motion.trunk:
+        raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
-    if lookahead > 1 and start is None:
-        start = Pass(motion, 1, options, optimiser, reporter, None).run()
+    mesh = mesh_for(motion.trunk, motion.contact_from, options.elements, options.degree)
+    given = start  # its own cost counts as well
+    if mode != "sequential" and start is None:
+        start = Pass(motion, mesh, "sequential", 1, options, optimiser).run()
     if reporter.stop and start is not None:
-        plan = replace(
-            start,
-            lookahead=lookahead,
-            interrupted=True,
-            notes=("interrupted before the horizon's own solve; this is the plan it starts from",),
-        )
+        note = "interrupted before the horizon's own solve; this is the plan it starts from"
+        plan = replace(start, mode=mode, lookahead=lookahead, interrupted=True, notes=(note,))
     else:
-        plan = Pass(motion, lookahead, options, optimiser, reporter, start).run()
+        plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start).run()
     return replace(
         plan,
-        iterations=optimiser.iterations,
-        setup_seconds=optimiser.setup_seconds,
-        solve_seconds=optimiser.solve_seconds,
-        total_seconds=time.perf_counter() - began,
+        iterations=optimiser.iterations + (given.iterations if given else 0),
+        setup_seconds=optimiser.setup_seconds + (given.setup_seconds if given else 0),
+        solve_seconds=optimiser.solve_seconds + (given.solve_seconds if given else 0),
+        total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
     )
 
 
@@ -134,30 +139,31 @@ class Pass:
     """One pass over a motion with a given lookahead."""
 
     motion: Motion
+    mesh: Mesh
+    mode: str
     lookahead: int
     options: Options
     optimiser: Optimiser
-    reporter: Reporter
-    start: Plan | None
+    start: Plan | None = None
 
-    def __post_init__(self) -> None:
-        self.mesh: Mesh = mesh_for(
-            self.motion.trunk,
-            self.motion.contact_from,
-            self.options.elements,
-            self.options.degree,
-        )
-        self.unknowns = len(self.motion.trunk.muscles) + 2
-        self.stage = mode_of(self.lookahead, len(self.motion.steps))
+    @property
+    def unknowns(self) -> int:
+        """Number of activations and head angles of a step."""
+        return len(self.motion.trunk.muscles) + 2
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the user asked to stop."""
+        return self.optimiser.reporter.stop
 
     def run(self) -> Plan:
         """Solve all windows, one after the other."""
         state, count = State(), len(self.motion.steps)
         previous: np.ndarray | None = None  # solution of the window before
         first = 0
-        while first < count and not self.reporter.stop:
+        while first < count and not self.stopped:
             last = min(first + self.lookahead, count)
-            if self.lookahead == 1:
+            if self.mode == "sequential":
                 window, outcome = self._one_step(first, state)
             else:
                 window, outcome = self._several_steps(first, last, state, previous)
@@ -186,10 +192,14 @@ class Pass:
         )
 
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
-        return self.optimiser.solve(window, self._start(window, x), self.stage, detail)
+        return self.optimiser.solve(window, self._start(window, x), self.mode, detail)
 
     def _start(self, window: Window, x: np.ndarray) -> np.ndarray:
-        """All unknowns of a window from those of its steps, the rods in equilibrium."""
+        """All unknowns of a window from those of its steps, within bounds, rods in equilibrium."""
+        boxes = [task.box for task in window.tasks]
+        x = np.clip(x, [box.lower for box in boxes], [box.upper for box in boxes])
+        if np.any(strains(self.motion.trunk, x[:, :-2])[..., 0] <= 0):
+            x = np.zeros_like(x)  # no shape has such activations; let Ipopt find its way
         loads = [task.loads for task in window.tasks]
         try:
             shapes = self._shapes(x, loads)
@@ -215,36 +225,40 @@ class Pass:
         window = self.window(first, [task_of(step) for step in steps], state)
         named = f"steps {first + 1} to {last}"
         best: Outcome | None = None
+        converged = False
         if self.start is not None and self.start.converged and last == len(self.start.x):
             kept = window.pack(self.start.x[first:last], self.start.part(first, last))
             given = self.optimiser.evaluate(window, kept)
             best = given if given.infeasibility <= FEASIBLE else None
         for number, (label, x) in enumerate(self._starts(first, last, previous)):
-            reached = best is not None and window.worst_error(best.full) <= self.motion.tolerance[0]
-            if number >= self.options.starts and (reached or number > 1):
+            good = best is not None and converged and window.reached(best.full)
+            if number >= self.options.starts and (good or number > 1):
                 break
             outcome = self._solve(window, x, f"{named}, from the {label}")
+            converged |= outcome.converged
             if best is None or _better(outcome, best):
                 best = outcome
             if outcome.stopped:
                 break
         if best is None:
             raise AssertionError("every window has a start")
-        return window, best
+        # A start that no solve improves on is as good as converged once a solve has converged.
+        return window, replace(best, message=CONVERGED[0]) if converged else best
 
     def _starts(
         self, first: int, last: int, previous: np.ndarray | None
     ) -> Iterator[tuple[str, np.ndarray]]:
         """Where the solve of a window starts: (name, unknowns of its steps)."""
         if previous is not None:
-            yield "window before", np.vstack([previous[1:], previous[-1:]])[-(last - first) :]
+            yield "window before", np.vstack([previous[1:], previous[-1:]])
             return
         if self.start is not None and len(self.start.x) >= last:
             yield f"{self.start.mode} plan", self.start.x[first:last]
         yield "passive trunk", np.zeros((last - first, self.unknowns))
         for seed in itertools.count():
             rng = np.random.default_rng(seed)
-            x = RANDOM * rng.uniform() * rng.uniform(size=self.unknowns) * self.motion.box.lower
+            box = self.motion.box
+            x = RANDOM * rng.uniform() * rng.uniform(box.lower, box.upper)
             x[-2:] = 0.0
             yield f"random start {seed + 1}", np.tile(x, (last - first, 1))
 
@@ -254,6 +268,7 @@ class Pass:
         named = f"step {first + 1} of {len(self.motion.steps)}"
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         if step.auxiliary is None:
+            state.auxiliary = None
             window = self.window(first, [task_of(step)], state)
             return window, self._solve(window, before[None], named)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
@@ -285,6 +300,7 @@ class Pass:
         if not outcome.converged and not outcome.stopped:
             again = self._solve(window, np.zeros((1, self.unknowns)), named)
             outcome = again if _better(again, outcome) else outcome
+        state.converged &= outcome.converged
         state.auxiliary = window.unknowns_of(outcome.full)[0]
         return state.auxiliary
 
@@ -293,17 +309,24 @@ class Pass:
         x = np.array(state.x).reshape(-1, self.unknowns)
         forces = np.array(state.tip_forces).reshape(-1, 3)
         loads = loads_of(self.motion, forces)
-        states = np.array(state.states)
+        rod = (self.mesh.elements, self.mesh.degree + 1, STATES)
+        states = np.array(state.states).reshape(-1, *rod)
+        shape = shape_of_states(self.motion.trunk, self.mesh, x, loads, states)
+        if len(x) and not state.converged:
+            # An iterate's rods are not in equilibrium; what its activations do is worth more.
+            with contextlib.suppress(StaticsError, InputError):
+                shape = self._shapes(x, list(loads))
         return Plan(
             motion=self.motion,
             x=x,
             tip_forces=forces,
-            shape=shape_of_states(self.motion.trunk, self.mesh, x, loads, states),
+            shape=shape,
+            mode=self.mode,
             lookahead=self.lookahead,
             weights=self.options.weights,
             near=state.near,
             converged=state.converged,
-            interrupted=self.reporter.stop,
+            interrupted=self.stopped,
         )
 
 

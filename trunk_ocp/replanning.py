@@ -30,19 +30,19 @@ class Replanner:
     Raises
     ------
     InputError
-        If the plan does not cover all time steps.
+        If the plan is not a converged one of all time steps.
     """
 
     def __init__(
         self, plan: Plan, options: Options | None = None, reporter: Reporter | None = None
     ) -> None:
-        if len(plan.x) != len(plan.motion.steps):
-            raise InputError("plan: expected all time steps of its motion to be planned.")
+        if len(plan.x) != len(plan.motion.steps) or not plan.converged:
+            raise InputError("plan: expected a converged plan of all time steps.")
         options = options or Options()
-        self._reporter = reporter or Reporter()
+        self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimiser = Optimiser(
-            options.linear_solver, options.max_iterations, self._reporter, warm=True
+            options.linear_solver, options.max_iterations, reporter or Reporter(), warm=True
         )
         window, _ = self._window(plan.motion)
         self._structure = window.structure
@@ -80,5 +80,5 @@ class Replanner:
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)
-        planner = Pass(motion, count, self._options, self._optimiser, self._reporter, None)
+        planner = Pass(motion, self._mesh, "horizon", count, self._options, self._optimiser)
         return planner.window(0, [task_of(step) for step in motion.steps], State()), planner

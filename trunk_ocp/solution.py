@@ -58,13 +58,6 @@ class Sample:
     shape: Shape
 
 
-def mode_of(lookahead: int, steps: int) -> str:
-    """Name of planning `lookahead` of `steps` time steps together."""
-    if lookahead == 1 and steps > 1:
-        return "sequential"
-    return "horizon" if lookahead >= steps else "receding"
-
-
 def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
     return tuple(
@@ -86,8 +79,10 @@ class Plan:
         Tip force V in N, those along held directions included.
     shape : Shape
         Planned shapes, batch axis (H,).
+    mode : str
+        "sequential", "horizon" or "receding".
     lookahead : int
-        Time steps planned together; 1 is the paper's sequential solve.
+        Time steps planned together.
     near : dict
         Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
         here, rather than near the step before (sequential plans, appendix B).
@@ -97,6 +92,7 @@ class Plan:
     x: np.ndarray
     tip_forces: np.ndarray
     shape: Shape
+    mode: str
     lookahead: int
     weights: Weights
     near: dict[int, np.ndarray] = field(default_factory=dict)
@@ -107,11 +103,6 @@ class Plan:
     solve_seconds: float = 0.0
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
-
-    @property
-    def mode(self) -> str:
-        """horizon, sequential or receding, by the lookahead."""
-        return mode_of(self.lookahead, len(self.motion.steps))
 
     @property
     def activations(self) -> np.ndarray:
@@ -156,14 +147,11 @@ class Plan:
         """Costs, from the independently integrated shapes."""
         position = sum(float(e.position_weights @ e.position**2) for e in self.errors)
         direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
-        before = np.concatenate([np.zeros((1, self.x.shape[1])), self.x[:-1]])
-        duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])
-        rate = float(np.sum((self.x - before) ** 2 / duration[:, None]))
         return Objective(
             sum(e.paper for e in self.errors),
             position + direction,
             self.weights.effort * float(np.sum(self.activations**2)),
-            self.weights.rate * rate,
+            self.weights.rate * squared_rate(self),
         )
 
     @cached_property
@@ -219,6 +207,16 @@ class Plan:
         return Sample(float(t), at[:count], head, loads, shape)
 
 
+def squared_rate(plan: Plan) -> float:
+    """Integral over time of the squared rates of activations and head angles, 1/s.
+
+    Of straight lines between time steps, from rest on; interpolation adds to it.
+    """
+    change = np.diff(np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x]), axis=0)
+    duration = np.array([step.duration for step in plan.motion.steps[: len(plan.x)]])
+    return float(np.sum(change**2 / duration[:, None]))
+
+
 @dataclass(frozen=True)
 class StepErrors:
     """Errors of one time step, target by target.
@@ -259,7 +257,7 @@ def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
         positions = [
             (g.Z, _distance(path.position[t, at(g.Z)], g.position), g.position_weight)
             for g in step.targets
-            if g.position is not None
+            if g.position is not None and g.position_weight > 0
         ]
         directions = [
             (g.Z, _distance(path.directors[t, at(g.Z), j], goal(d)), weight)

@@ -41,6 +41,7 @@ WARM: dict[str, Any] = IPOPT | {
 }
 CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
+KEPT = "Start_Kept"
 STOPPED = "User_Requested_Stop"
 
 
@@ -113,11 +114,15 @@ class Optimiser:
         )
 
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
-        """A given vector as if it were the outcome of a solve."""
+        """Objective and infeasibility, bounds on variables included, of a given vector."""
         solver, _ = self._solver(window)
         f, g = (solver.get_function(name)(full, window.parameters) for name in ("nlp_f", "nlp_g"))
-        violation = _violation(np.asarray(g).ravel(), window.bounds["lbg"], window.bounds["ubg"])
-        return Outcome(full, float(f), violation, 0, CONVERGED[0])
+        bounds = window.bounds
+        violation = max(
+            _violation(np.asarray(g).ravel(), bounds["lbg"], bounds["ubg"]),
+            _violation(full, bounds["lbx"], bounds["ubx"]),
+        )
+        return Outcome(full, float(f), violation, 0, KEPT)
 
     def _solver(self, window: Window) -> tuple[ca.Function, _Watch]:
         key = window.structure

@@ -20,7 +20,7 @@ from .collocation import Mesh, gauss, mesh_for
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
-from .rod import STATES, point_parameters, rates
+from .rod import RATES, STATES, point_parameters, rates
 from .rotations import directors
 from .unloaded import unloaded_states
 
@@ -119,6 +119,12 @@ def solve_statics(
             raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
         mesh = mesh_for(trunk, contacts.pop())
     _check_mesh(mesh, trunk, every)
+    zeta = strains(trunk, activation)[..., 0]
+    if np.any(zeta <= 0):
+        raise InputError(
+            f"activation: contracts a segment to {zeta.min():.3g} of its length; "
+            "the extension must stay above 0."
+        )
     count = int(np.prod(batch))
     problem = _Problem(
         trunk,
@@ -181,14 +187,6 @@ class _Problem:
     head: np.ndarray
     loads: list[Loads]
 
-    def __post_init__(self) -> None:
-        zeta = strains(self.trunk, self.activation)[..., 0]
-        if np.any(zeta <= 0):
-            raise InputError(
-                f"activation: contracts a segment to {zeta.min():.3g} of its length; "
-                "the extension must stay above 0."
-            )
-
     def only(self, index: int) -> _Problem:
         """The problem of one rod of the batch."""
         one = slice(index, index + 1)
@@ -212,12 +210,15 @@ class _Problem:
         of_element = segment_at(self.trunk, self.mesh.points[:, 0])
         w[:4] = np.moveaxis(strain[:, of_element, :], -1, 0)[..., None]
         w[4] = mean_extension(self.trunk, strain)[:, None, None]
-        w[5:] = np.array([load.tip_force for load in self.loads]).T[:, :, None, None]
+        tip = np.array([load.tip_force for load in self.loads]).reshape(B, 3)
+        w[5:] = tip.T[:, :, None, None]
         known: dict[Loads, np.ndarray] = {}
         for load in self.loads:
             if load not in known:
                 known[load] = point_parameters(self.trunk, load, self.mesh.points.ravel())
-        p = np.stack([known[load].reshape(11, E, d) for load in self.loads], axis=1)
+        p = np.empty((11, B, E, d))
+        for i, load in enumerate(self.loads):
+            p[:, i] = known[load].reshape(11, E, d)
         return w, p
 
     def newton(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -348,6 +349,8 @@ def _rates_and_slope() -> ca.Function:
 def _evaluate(states: np.ndarray, w: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rates (B, E, d, 10) and Jacobians (B, E, d, 7, 7) at Gauss-point states (B, E, d, 7)."""
     where = states.shape[:3]
+    if not states.size:
+        return np.zeros((*where, RATES)), np.zeros((*where, STATES, STATES))
     columns = np.concatenate([np.moveaxis(states, -1, 0), w]).reshape(15, -1)
     value, slope = _rates_and_slope()(columns, p.reshape(11, -1))
     return (

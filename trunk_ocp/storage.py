@@ -8,6 +8,7 @@ the plan: problem and anatomy are inside.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from importlib.metadata import version
@@ -19,7 +20,7 @@ import xarray as xr
 
 from .anatomy import AnatomySpec
 from .collocation import Mesh
-from .errors import InputError
+from .errors import InputError, TrunkError
 from .motion import build_motion
 from .problem_file import ProblemSpec
 from .solution import Plan, loads_of
@@ -29,8 +30,9 @@ from .transcription import Weights
 POINTS = 101
 
 
-def save_plan(plan: Plan, folder: Path) -> None:
+def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is made if need be."""
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "summary.json").write_text(json.dumps(summary(plan), indent=2) + "\n")
     _write_activations(plan, folder / "activations.csv")
@@ -47,19 +49,25 @@ def load_plan(folder: str | Path) -> Plan:
     """
     path = Path(folder) / "solution.nc"
     try:
-        with xr.open_dataset(path, engine="scipy") as stored:
-            data = stored.load()
-        attributes = data.attrs
-        motion = build_motion(
-            ProblemSpec.model_validate_json(attributes["problem_json"]),
-            AnatomySpec.model_validate_json(attributes["anatomy_json"]),
-        )
-    except (OSError, KeyError, ValueError, TypeError) as error:
+        return _restore(xr.load_dataset(io.BytesIO(path.read_bytes()), engine="scipy"))
+    except (OSError, LookupError, ValueError, TypeError, TrunkError) as error:
         raise InputError(
             f"{path}: cannot be read as a plan ({error}); expected a file written by solve-motion."
         ) from None
-    x = np.hstack([data["activation"].values, data["head"].values])
-    mesh = Mesh(tuple(data["edge"].values.tolist()), int(data.sizes["node"]) - 1)
+
+
+def _restore(data: xr.Dataset) -> Plan:
+    """The plan that `dataset` turned into labelled arrays."""
+    attributes = data.attrs
+    motion = build_motion(
+        ProblemSpec.model_validate_json(attributes["problem_json"]),
+        AnatomySpec.model_validate_json(attributes["anatomy_json"]),
+    )
+    count = len(motion.trunk.muscles)
+    activation = data["activation"].values if count else np.zeros((data.sizes["time"], 0))
+    x = np.hstack([activation, data["head"].values])
+    states = data["state"].values
+    mesh = Mesh(tuple(data["edge"].values.tolist()), states.shape[2] - 1)
     near: dict[int, np.ndarray] = {}
     if "near_step" in data:
         rows = np.hstack([data["near_activation"].values, data["near_head"].values])
@@ -70,7 +78,8 @@ def load_plan(folder: str | Path) -> Plan:
         motion=motion,
         x=x,
         tip_forces=tip_forces,
-        shape=shape_of_states(motion.trunk, mesh, x, loads, data["state"].values),
+        shape=shape_of_states(motion.trunk, mesh, x, loads, states),
+        mode=str(attributes["plan_mode"]),
         lookahead=int(attributes["lookahead"]),
         weights=Weights(float(attributes["weight_effort"]), float(attributes["weight_rate"])),
         near=near,
@@ -110,7 +119,7 @@ def summary(plan: Plan) -> dict[str, Any]:
             "rate": plan.objective.rate,
         },
         "max_position_error": max(
-            (float(e.position.max(initial=0.0)) for e in plan.errors), default=math.nan
+            (float(e.position.max()) for e in plan.errors if e.position.size), default=math.nan
         ),
         "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
         "timesteps": [
@@ -187,6 +196,7 @@ def dataset(plan: Plan) -> xr.Dataset:
             "anatomy_json": motion.anatomy.model_dump_json(),
             "notes_json": json.dumps(plan.notes),
             "status": plan.status.name.lower(),
+            "plan_mode": plan.mode,
             "lookahead": plan.lookahead,
             "weight_effort": plan.weights.effort,
             "weight_rate": plan.weights.rate,
@@ -204,7 +214,8 @@ def dataset(plan: Plan) -> xr.Dataset:
         data["near_step"] = ("near_number", np.array(list(plan.near)) + 1)
         data["near_activation"] = (("near_number", "muscle"), near[:, :-2])
         data["near_head"] = (("near_number", "angle"), near[:, -2:])
-    return data
+    # The format reads a dimension of length 0 as unlimited: leave such arrays out.
+    return data.drop_vars([name for name, array in data.variables.items() if not array.size])
 
 
 def _write_activations(plan: Plan, path: Path) -> None:

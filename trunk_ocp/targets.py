@@ -53,8 +53,9 @@ def phase_targets(
         for n, spec in enumerate(phase.targets, 1)
     ]
     if phase.wrap is not None:
-        _check_on_trunk(phase.wrap.Z[1], trunk, f"{where}.wrap.Z")
-        targets += _arc(phase.wrap, i / phase.steps, trunk, origins)
+        for Z in phase.wrap.Z:
+            _check_on_trunk(Z, trunk, f"{where}.wrap.Z")
+        targets += _arc(phase.wrap, i / phase.steps, trunk, origins, f"{where}.wrap")
     return tuple(targets)
 
 
@@ -84,7 +85,9 @@ def _point(
     )
 
 
-def _arc(spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray]) -> list[Target]:
+def _arc(
+    spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], where: str
+) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
     center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
     Z = np.linspace(*spec.Z, spec.points)
@@ -98,6 +101,11 @@ def _arc(spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray])
         * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
     )
     chords = np.diff(points, axis=0)
+    if not np.all(np.linalg.norm(chords, axis=1) > 0):
+        raise InputError(
+            f"{where}.angles_deg = {list(spec.angles_deg)}: neighbouring points of the wrap "
+            "coincide; expected different angles at both ends."
+        )
     return [
         Target(
             float(Z[p]),

@@ -36,9 +36,10 @@ def base(trunk: Trunk) -> ca.Function:
 
 @cache
 def director(j: int) -> ca.Function:
-    """Director j of an orientation q (4)."""
+    """Director j of an orientation q (4), whose norm is not quite 1 inside an element."""
     q = ca.SX.sym("q", 4)
-    return ca.Function("director", [q, ca.SX.sym("p", 0)], [ca.vertcat(*_d(q, j))])
+    unit = ca.vertcat(*_d(q, j)) / ca.sumsqr(q)
+    return ca.Function("director", [q, ca.SX.sym("p", 0)], [unit])
 
 
 def _d(q: ca.SX, j: int) -> tuple[ca.SX, ...]:

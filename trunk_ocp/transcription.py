@@ -9,7 +9,7 @@ E I(0) / L; every public face is SI.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,9 +22,10 @@ from .collocation import Mesh, gauss
 from .loads import Loads
 from .motion import Box, Motion
 from .rod import RATES, STATES, point_parameters
+from .rotations import directors
 from .separable import Programme
 from .statics import Shape
-from .targets import Held, Target
+from .targets import Direction, Held, Target
 from .terms import (
     base,
     director,
@@ -107,7 +108,6 @@ class Window:
         self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
         self.force = self.moment / trunk.length
         self._assembly = Assembly()
-        self._structure: list[Hashable] = [trunk, mesh, len(tasks)]
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, task) for t, task in enumerate(self.tasks)]
         self.held = self._held_directions()
@@ -121,10 +121,10 @@ class Window:
         """The programme itself; a solver needs it once for each structure only."""
         return self._assembly.programme()
 
-    @property
-    def structure(self) -> tuple[Hashable, ...]:
-        """Equal for windows whose programmes differ in numbers only."""
-        return tuple(self._structure)
+    @cached_property
+    def structure(self) -> bytes:
+        """Equal for windows whose programmes differ in parameters and bounds only."""
+        return self._assembly.digest()
 
     # --- one step --------------------------------------------------------------------
 
@@ -208,7 +208,6 @@ class Window:
             add.linear(rows, r)
             add.linear(rows, u.line[element], -1.0)
             inside.append((element, tau, rows))
-        self._structure.append(tuple(sorted(asked)))
         return inside
 
     def _rod_rows(
@@ -295,14 +294,13 @@ class Window:
                 -1.0,
             )
             indices[reference] = D
-        self._structure.append(tuple(indices))
         return indices
 
     def _couplings(self) -> None:
         """Pulls along held directions; bounds on change."""
         add = self._assembly
         before = self.previous
-        for number, (task, u) in enumerate(zip(self.tasks, self.unknowns, strict=True)):
+        for task, u in zip(self.tasks, self.unknowns, strict=True):
             pulled = task.pull is not None and not self._is_known(task.pull[1])
             if pulled and task.pull is not None:
                 own = np.asarray(task.loads.tip_force) / self.force
@@ -316,7 +314,6 @@ class Window:
             rows = add.rows(limited.size, lower=change.lower[limited], upper=change.upper[limited])
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
-            self._structure += [number, pulled, limited.tobytes()]
             before = u.x
 
     def _costs(self, weights: Weights) -> None:
@@ -341,8 +338,6 @@ class Window:
             self._cost(squared_direction(j), fixed[j])
         for j in sorted(moving):
             self._cost(squared_held_direction(j), moving[j])
-        self._structure += [len(positions), *((j, len(fixed[j])) for j in sorted(fixed))]
-        self._structure += [(-1 - j, len(moving[j])) for j in sorted(moving)]
 
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         self._assembly.cost(
@@ -410,9 +405,26 @@ class Window:
             np.linalg.norm(full[u.points[target.Z][1]] * self.length - np.asarray(target.position))
             for task, u in zip(self.tasks, self.unknowns, strict=True)
             for target in task.targets
-            if target.position is not None
+            if target.position is not None and target.position_weight > 0
         ]
         return float(max(errors, default=0.0))
+
+    def reached(self, full: np.ndarray) -> bool:
+        """Whether every target of positive weight is reached within the motion's tolerance."""
+        position, direction = self.motion.tolerance
+        for task, u in zip(self.tasks, self.unknowns, strict=True):
+            for target in task.targets:
+                for j, d, _ in target.pairs():
+                    own = np.array(directors(full[u.points[target.Z][0]])[j])
+                    if not np.linalg.norm(own - self._goal(full, d)) <= direction:
+                        return False
+        return self.worst_error(full) <= position
+
+    def _goal(self, full: np.ndarray, direction: Direction) -> np.ndarray:
+        """Value (3,) of a desired direction."""
+        if not isinstance(direction, Held):
+            return np.asarray(direction)
+        return self.known[direction] if self._is_known(direction) else full[self.held[direction]]
 
     def states_of(self, full: np.ndarray) -> np.ndarray:
         """Rod states of the steps, (H, elements, degree + 1, 7), in SI."""

@@ -24,6 +24,7 @@ from .statics import Shape
 
 TOLERANCE = 1e-10
 LARGEST_DIFFERENCE = 1e-4  # m, between the planned and the integrated centerline
+LARGEST_FORCE_DIFFERENCE = 1e-3  # of the largest force that pulls, between planned and held pull
 LARGEST_END_MOMENT = 1e-3  # of the largest moment along the trunk
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
@@ -51,6 +52,9 @@ class Verification:
         Largest distance in m between planned and integrated centerline.
     end_moment : (H,)
         Moment left at the free tip, as a fraction of the largest along the trunk.
+    tip_force : (H,)
+        Distance between the planned tip force and what the motion asks for, along held
+        directions as integrated, as a fraction of its size.
     bounds, extension, change : (H,)
         Largest excess over the bounds on activations (no unit) and head angles (rad), on
         zeta_hat anywhere along the trunk, and on the change from the step before.
@@ -59,6 +63,7 @@ class Verification:
     trajectory: Trajectory
     position_difference: np.ndarray
     end_moment: np.ndarray
+    tip_force: np.ndarray
     bounds: np.ndarray
     extension: np.ndarray
     change: np.ndarray
@@ -71,6 +76,8 @@ class Verification:
              LARGEST_DIFFERENCE),
             ("the moment at the free tip is", self.end_moment, "of the largest",
              LARGEST_END_MOMENT),
+            ("the tip force is off by", self.tip_force, "of its size",
+             LARGEST_FORCE_DIFFERENCE),
             ("a bound on activation or head is exceeded by", self.bounds, "", SLACK),
             ("an extension bound is exceeded by", self.extension, "", SLACK),
             ("a bound on change is exceeded by", self.change, "", SLACK),
@@ -108,7 +115,9 @@ def verify(
     path = integrate(motion.trunk, x, loads, moment, Z)
     zeta, _ = intrinsic_strain(motion.trunk, x[:, :-2], Z)
     low, high = motion.extension
-    largest = np.linalg.norm(path.moment, axis=2).max(axis=1)
+    # Moments below a millionth of what bends the trunk to its own length are round-off.
+    floor = 1e-6 * stiffness(motion.trunk, 0.0)[1] / L
+    largest = np.maximum(np.linalg.norm(path.moment, axis=2).max(axis=1), floor)
     before = np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
     bounds, change = np.zeros(len(x)), np.zeros(len(x))
     for t, step in enumerate(steps):
@@ -119,11 +128,27 @@ def verify(
     return Verification(
         path,
         np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
-        np.linalg.norm(path.moment[:, -1], axis=1) / np.where(largest > 0, largest, 1.0),
+        np.linalg.norm(path.moment[:, -1], axis=1) / largest,
+        _force_difference(motion, loads, path),
         bounds,
         np.maximum(low - zeta, zeta - high).max(axis=1).clip(0),
         change,
     )
+
+
+def _force_difference(motion: Motion, loads: Sequence[Loads], path: Trajectory) -> np.ndarray:
+    """Distance of each tip force from what its step asks for, relative to the larger."""
+    difference = np.zeros(len(loads))
+    for t, (load, step) in enumerate(zip(loads, motion.steps, strict=False)):
+        asked = np.array(step.loads.tip_force)
+        if step.pull is not None:
+            strength, held = step.pull
+            at = int(np.searchsorted(path.Z, held.Z))
+            asked = asked + strength * path.directors[held.step, at, held.director]
+        size = max(float(np.linalg.norm(asked)), float(np.linalg.norm(load.tip_force)))
+        if size > 0:
+            difference[t] = np.linalg.norm(asked - np.array(load.tip_force)) / size
+    return difference
 
 
 def _excess(value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
@@ -142,6 +167,11 @@ def integrate(
     moment : (H, 3)
         m(0) in N m, in the directors.
     """
+    if not len(loads):
+        return Trajectory(Z, *(np.zeros((0, Z.size, *n)) for n in ((3,), (3, 3), (3,))))
+    finite = np.all(np.isfinite(np.hstack([x, moment])), axis=1)
+    if not np.all(finite):
+        return _integrate_some(trunk, x, loads, moment, Z, finite)
     H, activation = len(loads), x[:, :-2]
     r0, q0 = base_pose(trunk.head, x[:, -2], x[:, -1])
     d0 = [np.stack(np.broadcast_arrays(*row), axis=-1) for row in directors_of(q0)]
@@ -168,6 +198,25 @@ def integrate(
     values = values.swapaxes(0, 1)
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
     return Trajectory(Z, values[..., :3], directors, values[..., 12:])
+
+
+def _integrate_some(
+    trunk: Trunk,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    moment: np.ndarray,
+    Z: np.ndarray,
+    some: np.ndarray,
+) -> Trajectory:
+    """Integrate some of the rods; NaN for the others."""
+    chosen = [load for load, keep in zip(loads, some, strict=True) if keep]
+    path = integrate(trunk, x[some], chosen, moment[some], Z)
+    every = []
+    for part in (path.position, path.directors, path.moment):
+        whole = np.full((len(some), *part.shape[1:]), np.nan)
+        whole[some] = part
+        every.append(whole)
+    return Trajectory(Z, *every)
 
 
 def _slope(
