@@ -13,6 +13,7 @@ from .planner import Options, plan_motion
 from .problem_file import problem_schema
 from .replanning import Replanner
 from .reporting import Progress, Reporter
+from .sensitivity import tip_jacobian
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
 from .storage import load_plan, save_plan
@@ -43,4 +44,5 @@ __all__ = [
     "problem_schema",
     "save_plan",
     "solve_statics",
+    "tip_jacobian",
 ]

@@ -1,0 +1,133 @@
+"""How the tip of a loaded trunk follows its muscles and head: exact derivatives of statics.
+
+The collocation equations of `statics`, differentiated by activations and head angles (implicit
+function theorem) and solved with the same condensed elements: one linear solve, exact for the
+collocated trunk.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from .activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
+from .collocation import gauss
+from .head import base_pose
+from .loads import Loads
+from .rod import STATES, STRAINS, point_parameters, rates
+from .rotations import directors
+from .statics import Shape
+
+
+def tip_jacobian(
+    shape: Shape, activation: np.ndarray, head: np.ndarray | tuple[float, float], loads: Loads
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of tip position and tangent by all activations and both head angles.
+
+    Parameters
+    ----------
+    shape : Shape
+        Of one trunk, as `solve_statics` returned it for the other arguments.
+    activation : (muscles,)
+    head : (2,)
+        psi_Z, psi_Y in radians.
+
+    Returns
+    -------
+    position : (3, muscles + 2)
+        In m per unit of activation, and m per radian in the last two columns.
+    tangent : (3, muscles + 2)
+        Of d_3(L).
+    """
+    trunk, mesh = shape.trunk, shape.mesh
+    E, d, element, h = mesh.elements, mesh.degree, gauss(mesh.degree), mesh.widths
+    by_state, by_strain = _slopes(shape, activation, loads)
+    per_muscle = _strain_slopes(shape)  # (E, 5, muscles + 2)
+    forced = by_strain @ per_muscle[:, None]  # (E, d, 10, muscles + 2)
+
+    # Response of each element's Gauss points to its left edge (7) and to the unknowns.
+    n = d * STATES
+    matrix = np.zeros((E, d, STATES, d, STATES))
+    right = np.zeros((E, d, STATES, STATES + forced.shape[-1]))
+    same = np.arange(STATES)
+    matrix[:, :, same, :, same] = element.derivative[:, 1:]
+    for j in range(d):
+        matrix[:, j, :, j, :] -= h[:, None, None] * by_state[:, j, :STATES]
+    right[:, :, same, same] = -element.derivative[:, 0][:, None]
+    right[..., STATES:] = h[:, None, None, None] * forced[..., :STATES, :]
+    inner = np.linalg.solve(matrix.reshape(E, n, n), right.reshape(E, n, -1))
+    inner = inner.reshape(E, d, STATES, -1)
+
+    # Chain the elements; m(0) is what keeps m(L) at zero.
+    at_end = element.value(1.0)
+    r0_slope, q0_slope = _base_slopes(shape, head)
+    columns = forced.shape[-1]
+    edge = np.zeros((E + 1, STATES, 3 + columns))
+    edge[0, 4:, :3] = np.eye(3)
+    edge[0, :4, -2:] = q0_slope
+    for k in range(E):
+        response = np.einsum("j,jxc->xc", at_end[1:], inner[k])
+        response[:, :STATES] += at_end[0] * np.eye(STATES)
+        edge[k + 1] = response[:, :STATES] @ edge[k]
+        edge[k + 1, :, 3:] += response[:, STATES:]
+    dm0 = -np.linalg.solve(edge[-1, 4:, :3], edge[-1, 4:, 3:])
+    by_unknown = edge[:, :, :3] @ dm0 + edge[:, :, 3:]
+
+    at_points = inner[..., :STATES] @ by_unknown[:-1, None] + inner[..., STATES:]
+    slopes = by_state[..., STATES:, :] @ at_points + forced[..., STATES:, :]
+    weights = h[:, None] * element.integral(1.0)
+    position = np.einsum("ed,edci->ci", weights, slopes)
+    position[:, -2:] += r0_slope
+    tangent = _tangent_slope(shape.state(np.array([trunk.length]))[0, :4]) @ by_unknown[-1, :4]
+    return position, tangent
+
+
+def _slopes(shape: Shape, activation: np.ndarray, loads: Loads) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the rates: by state (E, d, 10, 7), by strain (E, d, 10, 5)."""
+    trunk, mesh = shape.trunk, shape.mesh
+    E, d = mesh.elements, mesh.degree
+    strain = strains(trunk, np.asarray(activation, dtype=float))
+    w = np.empty((E, d, 15))
+    w[..., :STATES] = shape.states[:, 1:]
+    w[..., 7:11] = strain[segment_at(trunk, mesh.points[:, 0])][:, None]
+    w[..., 11] = mean_extension(trunk, strain)
+    w[..., 12:] = loads.tip_force
+    p = point_parameters(trunk, loads, mesh.points.ravel())
+    jacobian = np.asarray(_rates_jacobian()(w.reshape(-1, 15).T, p)).T.reshape(E, d, 12, 10)
+    jacobian = jacobian.swapaxes(-1, -2)
+    return jacobian[..., :STATES], jacobian[..., STATES:]
+
+
+@cache
+def _rates_jacobian() -> ca.Function:
+    """Jacobian of `rates` by states and strains, column by column."""
+    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    jacobian = ca.jacobian(rates()(w, p), w)[:, : STATES + STRAINS]
+    return ca.Function("rates_jacobian", [w, p], [ca.vec(ca.densify(jacobian))])
+
+
+def _strain_slopes(shape: Shape) -> np.ndarray:
+    """Derivative of each element's strains and the mean extension, (E, 5, muscles + 2)."""
+    A = strain_matrix(shape.trunk)
+    slopes = np.zeros((shape.mesh.elements, STRAINS, A.shape[2] + 2))
+    slopes[:, :4, :-2] = A[segment_at(shape.trunk, shape.mesh.points[:, 0])]
+    slopes[:, 4, :-2] = segment_fractions(shape.trunk) @ A[:, 0]
+    return slopes
+
+
+def _base_slopes(
+    shape: Shape, head: np.ndarray | tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of r_0 (3, 2) and q_0 (4, 2) by the head angles, by complex step: exact."""
+    step = 1e-30
+    angles = np.asarray(head, dtype=float)[:, None] + 1j * step * np.eye(2)
+    r, q = base_pose(shape.trunk.head, angles[0], angles[1])
+    return np.imag(np.stack(r)) / step, np.imag(np.stack(q)) / step
+
+
+def _tangent_slope(q: np.ndarray) -> np.ndarray:
+    """Derivative (3, 4) of d_3 by a unit quaternion."""
+    step = 1e-30
+    return np.imag(np.stack(directors(q[:, None] + 1j * step * np.eye(4))[2])) / step
