@@ -16,6 +16,7 @@ from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.loads import Loads
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.verification import integrate
 
 EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), 1.4, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
 REST = np.zeros(28)
@@ -221,3 +222,13 @@ def test_a_point_off_the_trunk_is_refused(trunk, Z, what):
     shape = solve_statics(trunk, REST)
     with pytest.raises(InputError, match=r"expected 0 <= Z <= L = 1\.75 m"):
         getattr(shape, what)([0.5, Z])
+
+
+@pytest.mark.parametrize("push", [-1e3, -5e3, 3e4])
+def test_the_default_mesh_is_fine_enough_for_the_load(trunk, push):
+    """A trunk pushed up buckles into a curl that a fixed mesh would get wrong unnoticed."""
+    load = Loads(tip_force=(0.0, 0.0, push))
+    shape = solve_statics(trunk, np.zeros(28), loads=load)
+    Z = np.linspace(0.0, trunk.length, 50)
+    path = integrate(trunk, np.zeros((1, 30)), [load], shape.moment([0.0]), Z)
+    assert np.linalg.norm(shape.position(Z) - path.position[0], axis=1).max() < 1e-5
