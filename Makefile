@@ -23,7 +23,7 @@ motion: venv
 # The committed results: all shipped motions, sequential and horizon.
 results: venv
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
-	  $(BIN)/solve-motion $$motion --mode both --out results/$$motion || exit 1; done
+	  $(BIN)/solve-motion $$motion --mode both --out results/study/$$motion || exit 1; done
 
 lint: venv
 	$(BIN)/ruff check .

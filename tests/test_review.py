@@ -133,3 +133,12 @@ def test_a_shifted_motion_is_replanned_from_the_multipliers(tmp_path):
     anew = plan_motion(moved, start=plan)
     # Re-planning stops at a tolerance of 1e-6, planning at 1e-8.
     assert replanned.objective.total == pytest.approx(anew.objective.total, abs=5e-6)
+
+
+@pytest.mark.parametrize("lookahead", [1, None])
+def test_a_mesh_too_coarse_for_the_check_is_refined(tmp_path, lookahead):
+    motion = written(tmp_path, phase("1"), phase("2", position=(0.5, 0.3, 1.2)))
+    plan = plan_motion(motion, lookahead, to.Options(elements=3, degree=3))
+    assert plan.mesh.elements > 3
+    assert not plan.verification.too_coarse
+    assert plan.converged

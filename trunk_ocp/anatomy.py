@@ -145,7 +145,7 @@ class Head:
     xi_d: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trunk:
     """A trunk ready for computation. Lengths in m, E in Pa, density in kg/m^3.
 
@@ -167,6 +167,9 @@ class Trunk:
     head: Head
     edges: tuple[float, ...]
     subdomains: tuple[Muscle, ...]
+
+    def __repr__(self) -> str:
+        return f"<Trunk {self.name}: {self.segments} segments, {len(self.subdomains)} muscles>"
 
     @property
     def muscles(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,13 +17,14 @@ from rich.console import Console
 
 from .anatomy import load_anatomy
 from .comparison import compare
-from .errors import TrunkError
+from .errors import InputError, TrunkError
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
 from .problem_file import problem_schema
 from .reporting import Reporter
 from .screen import Screen, comparison_table, rank_table, sign_table, step_table
 from .solution import Plan, Status
+from .solver import check_linear_solver
 from .storage import save_plan, summary
 
 EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
@@ -30,6 +32,7 @@ BAD_INPUT, NOT_SOLVED = 2, 3
 
 
 @click.command("solve")
+@click.version_option(package_name="trunk_ocp")
 @click.argument("problem", default="pick-fruit")
 @click.option(
     "--mode",
@@ -63,9 +66,11 @@ BAD_INPUT, NOT_SOLVED = 2, 3
     type=click.IntRange(min=1),
     default=1,
     show_default=True,
-    help="Solve a horizon from several starts and keep the best.",
+    help="Solve a horizon from N starts and keep the best: the sequential plan, the passive "
+    "trunk, random ones.",
+    metavar="N",
 )
-@click.option("--quiet", is_flag=True, help="Print nothing but errors.")
+@click.option("--quiet", is_flag=True, help="Print nothing but what went wrong.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
 def solve(
     problem: str,
@@ -80,7 +85,8 @@ def solve(
 ) -> None:
     """Plan a motion: which muscles contract when, and how the head turns.
 
-    PROBLEM is pick-fruit, lift-log, lift-log-asymmetric, or a problem file of your own.
+    PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of
+    your own.
 
     Exit codes: 0 solved and verified; 2 bad usage or problem file; 3 not converged, not
     verified, or a target out of reach (what was reached is saved and marked); 4 interrupted
@@ -95,6 +101,8 @@ def solve(
     with _clean_errors():
         motion = load_motion(problem)
         folder = out or Path("results") / motion.name
+        check_linear_solver(linear_solver)
+        _check_writable(folder)
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         with Screen(console, motion) as screen, _interruptible(screen):
             plans = _plans(motion, mode, lookahead, options, screen)
@@ -108,6 +116,10 @@ def solve(
             (folder / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
             console.print(comparison_table(figures))
         console.print(f"Results are in {folder}/")
+    if quiet:
+        for plan in plans:
+            if plan.status is not Status.SOLVED:
+                click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
     if as_json:
         reports = {plan_folder(plan): summary(plan) for plan in plans}
         click.echo(json.dumps(reports, indent=2))
@@ -134,14 +146,13 @@ def _plans(
 
 def _verdict(console: Console, plan: Plan) -> None:
     colour = "green" if plan.status is Status.SOLVED else "yellow"
-    console.print(f"[{colour}]{plan.mode}: {plan.status.value}[/]")
+    planned, steps = len(plan.x), len(plan.motion.steps)
+    part = "" if planned == steps else f" ({planned} of {steps} time steps)"
+    console.print(f"[{colour}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
     problems = [*plan.verification.faults, *plan.missed]
-    for sentence in problems[:5]:
-        console.print(f"  {sentence}")
-    if len(problems) > 5:
-        console.print(f"  and {len(problems) - 5} more, in summary.json")
-    for sentence in plan.notes:
-        console.print(f"  {sentence}")
+    more = [f"and {len(problems) - 5} more, in summary.json"] if len(problems) > 5 else []
+    for sentence in [*problems[:5], *more, *plan.notes]:
+        console.print(f"  {sentence}", soft_wrap=True)
 
 
 @contextmanager
@@ -152,6 +163,21 @@ def _clean_errors() -> Iterator[None]:
     except (TrunkError, OSError) as error:
         click.echo(f"Error: {error}", err=True)
         sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        click.echo("Interrupted; nothing more was saved.", err=True)
+        sys.exit(EXIT_CODES[Status.INTERRUPTED])
+
+
+def _check_writable(folder: Path) -> None:
+    """Make the output folder before hours are spent on what goes into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"{folder}: cannot be written to ({error.strerror}); name another folder with --out."
+        ) from None
 
 
 @contextmanager

@@ -16,14 +16,14 @@ class Measures:
 
     Attributes
     ----------
-    objective : float
+    planner_objective : float
         What the planner minimises: tracking + effort + rate.
     paper_objective : float
         J of eq. (42), summed over time steps.
     worst_position_error, mean_position_error : float
         Over all targets of all steps, in m.
     worst_direction_error : float
-    effort : float
+    squared_activation : float
         Sum over time steps of the squared activations.
     squared_rate : float
         Integral over time of the squared rates of activations and head angles, 1/s, of straight
@@ -38,12 +38,12 @@ class Measures:
         Wall time of the plan, the plan it starts from included.
     """
 
-    objective: float
+    planner_objective: float
     paper_objective: float
     worst_position_error: float
     mean_position_error: float
     worst_direction_error: float
-    effort: float
+    squared_activation: float
     squared_rate: float
     largest_change: float
     change_excess: float
@@ -63,12 +63,12 @@ def measure(plan: Plan) -> Measures:
         for step, dx in zip(steps, change, strict=True)
     ]
     return Measures(
-        objective=plan.objective.total,
+        planner_objective=plan.objective.total,
         paper_objective=plan.objective.paper,
         worst_position_error=float(positions.max(initial=0.0)),
         mean_position_error=float(positions.mean()) if positions.size else 0.0,
         worst_direction_error=float(directions.max(initial=0.0)),
-        effort=float(np.sum(plan.activations**2)),
+        squared_activation=float(np.sum(plan.activations**2)),
         squared_rate=squared_rate(plan),
         largest_change=float(np.abs(change[1:, :-2]).max(initial=0.0)),
         change_excess=max(0.0, float(max(excess, default=0.0))),

@@ -75,7 +75,7 @@ class Phase:
     interpolation: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Motion:
     """A motion to plan. Time step 0 is the passive trunk: x = 0 under weight alone."""
 
@@ -87,6 +87,9 @@ class Motion:
     extension: tuple[float, float]
     box: Box
     """Bounds of the whole motion, that phases narrow."""
+
+    def __repr__(self) -> str:
+        return f"<Motion {self.name}: {len(self.steps)} steps of {self.trunk!r}>"
 
     @property
     def name(self) -> str:

@@ -29,6 +29,8 @@ from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Task, Weights, Window
 
+REFINEMENTS = 2
+"""How often the mesh is halved where the independent check finds it too coarse."""
 RANDOM = 0.4
 """Largest activation of a random start, as a share of its lower bound."""
 FEASIBLE = 1e-6
@@ -42,7 +44,7 @@ class Options:
     Attributes
     ----------
     elements, degree : int
-        Mesh of the transcription, see `mesh_for`.
+        Mesh of the transcription, see `mesh_for`; refined if a plan's check asks for it.
     linear_solver : str
         Of Ipopt: mumps comes with CasADi, ma27 ... ma97 and spral need installing.
     max_iterations : int
@@ -125,6 +127,13 @@ def plan_motion(
         plan = replace(start, mode=mode, lookahead=lookahead, interrupted=True, notes=(note,))
     else:
         plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start).run()
+        for _ in range(REFINEMENTS):
+            if not plan.converged or not plan.verification.too_coarse or reporter.stop:
+                break
+            mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, options.degree)
+            reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
+            again = plan if mode != "sequential" else None
+            plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again).run()
     return replace(
         plan,
         iterations=optimiser.iterations + (given.iterations if given else 0),
@@ -226,8 +235,9 @@ class Pass:
         named = f"steps {first + 1} to {last}"
         best: Outcome | None = None
         converged = False
-        if self.start is not None and self.start.converged and last == len(self.start.x):
-            kept = window.pack(self.start.x[first:last], self.start.part(first, last))
+        start = self.start
+        if start and start.converged and last == len(start.x) and start.mesh == self.mesh:
+            kept = window.pack(start.x[first:last], start.part(first, last))
             given = self.optimiser.evaluate(window, kept)
             best = given if given.infeasibility <= FEASIBLE else None
         for number, (label, x) in enumerate(self._starts(first, last, previous)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import json
 import tomllib
@@ -42,7 +43,8 @@ def read_toml(path: Path, model: type[Model]) -> Model:
         # Through JSON, whose strict mode takes arrays as tuples but never "1.75" as a number.
         return model.model_validate_json(json.dumps(data, default=str))
     except ValidationError as error:
-        faults = "\n".join(f"  {_describe(fault, data, model)}" for fault in error.errors())
+        told = _telling(error.errors(), data)
+        faults = "\n".join(f"  {_describe(fault, model)}" for fault in told)
         raise InputError(f"{path}:\n{faults}") from None
 
 
@@ -68,7 +70,38 @@ def shipped(name_or_path: str, folder: Path) -> Path:
     )
 
 
-def _describe(fault: Any, data: dict[str, Any], model: type[BaseModel]) -> str:
+def _telling(faults: list[Any], data: dict[str, Any]) -> list[Any]:
+    """Faults without those that only follow from others.
+
+    Of a value that may be a vector or a table, only the fault of what was written counts; a
+    list whose entries are all at fault is not empty.
+    """
+    told = []
+    for fault in faults:
+        place: tuple[str | int, ...] = ()
+        value: Any = data
+        mistaken = False
+        for part in fault["loc"]:
+            if _is_choice(part):
+                mistaken |= isinstance(value, dict) != str(part).endswith("Spec")
+                continue
+            place += (part,)
+            with contextlib.suppress(LookupError, TypeError):
+                value = value[part]
+        depth = len(fault["loc"])
+        inner = any(o["loc"][:depth] == fault["loc"] and len(o["loc"]) > depth for o in faults)
+        if mistaken or (fault["type"] == "too_short" and inner):
+            continue
+        told.append({**fault, "loc": place})
+    return told
+
+
+def _is_choice(part: str | int) -> bool:
+    """Whether a part of a location names an alternative of a type, not a key."""
+    return isinstance(part, str) and ("[" in part or part.endswith("Spec"))
+
+
+def _describe(fault: Any, model: type[BaseModel]) -> str:
     """One line for one pydantic fault: key, value, expectation."""
     key = _dotted(fault["loc"])
     if fault["type"] == "extra_forbidden":
@@ -80,7 +113,8 @@ def _describe(fault: Any, data: dict[str, Any], model: type[BaseModel]) -> str:
     message = fault["msg"].removeprefix("Value error, ")
     value = fault["input"]
     shown = "" if isinstance(value, dict) else f" = {_short(value)}"
-    return f"{key}{shown}: {message[0].lower()}{message[1:]}."
+    where = f"{key}{shown}: " if key else ""
+    return f"{where}{message[0].lower()}{message[1:]}."
 
 
 def _dotted(location: tuple[str | int, ...]) -> str:
@@ -88,7 +122,7 @@ def _dotted(location: tuple[str | int, ...]) -> str:
     text = ""
     for part in location:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
-    return text.lstrip(".") or "file"
+    return text.lstrip(".")
 
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:

@@ -20,7 +20,7 @@ from .solution import Plan
 from .tables import MEASURES, ranks, signs
 
 COLUMNS = (
-    "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "tangent", "J_T", "psi_Z\ndeg",
+    "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
     "psi_Y\ndeg", "check\nmm",
 )  # fmt: skip
 LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
@@ -129,20 +129,35 @@ def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
     return format(scale * of(values), form) if values.size else "-"
 
 
+UNITS = {
+    "worst_position_error": (1e3, "mm"),
+    "mean_position_error": (1e3, "mm"),
+    "squared_rate": (1.0, "1/s"),
+    "seconds": (1.0, "s"),
+}
+
+
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
     """Measures of two plans side by side."""
     table = Table(title="sequential against horizon", box=SIMPLE_HEAD)
     table.add_column("measure")
     for mode in figures:
         table.add_column(mode, justify="right")
+    table.add_column("unit")
     for name in next(iter(figures.values())):
-        table.add_row(name.replace("_", " "), *(f"{plan[name]:.5g}" for plan in figures.values()))
+        scale, unit = UNITS.get(name, (1.0, ""))
+        values = (f"{scale * plan[name]:.5g}" for plan in figures.values())
+        table.add_row(name.replace("_", " "), *values, unit)
     return table
 
 
 def sign_table(trunk: Trunk) -> Table:
     """The paper's Table 2."""
-    table = Table(title="Effect of a contraction (Table 2)", box=SIMPLE_HEAD)
+    table = Table(
+        title="Effect of a contraction (Table 2)",
+        caption="zeta extension; u1, u2 bending around d1 (dorsal), d2 (right); u3 twist",
+        box=SIMPLE_HEAD,
+    )
     for name in ("muscle", "side", *MEASURES, "isolated torsion"):
         table.add_column(name)
     words = {-1: "< 0", 0: "= 0", 1: "> 0", 2: "differs"}

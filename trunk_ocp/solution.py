@@ -66,7 +66,7 @@ def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """A motion with the activations and head angles that perform it.
 
@@ -103,6 +103,10 @@ class Plan:
     solve_seconds: float = 0.0
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        steps = f"{len(self.x)} of {len(self.motion.steps)} steps"
+        return f"<Plan of {self.motion.name}: {self.mode}, {steps}, J = {self.objective.paper:.4g}>"
 
     @property
     def activations(self) -> np.ndarray:
@@ -180,7 +184,7 @@ class Plan:
                 if not error <= position:
                     sentences.append(
                         f"step {number}: the target at Z = {Z:g} m is missed by "
-                        f"{1e3 * error:.3g} mm, {1e3 * position:g} mm is allowed"
+                        f"{1e3 * error:.4g} mm, {1e3 * position:g} mm is allowed"
                     )
             for Z, error in zip(errors.direction_Z, errors.direction, strict=True):
                 if not error <= direction:

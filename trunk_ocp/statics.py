@@ -31,7 +31,7 @@ DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
 SMALLEST_LOAD_STEP = 1e-4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Shape:
     """Equilibrium shapes of a trunk, with any leading batch axes (...).
 
@@ -46,6 +46,10 @@ class Shape:
     """(..., elements + 1, 3): centerline at the element edges."""
     slopes: np.ndarray
     """(..., elements, degree, 3): dr/dZ at the Gauss points."""
+
+    def __repr__(self) -> str:
+        batch = self.states.shape[:-3]
+        return f"<Shape of {self.trunk.name}: batch {batch}, {self.mesh.elements} elements>"
 
     def position(self, Z: np.ndarray) -> np.ndarray:
         """Centerline r(Z), (..., n, 3) m, at points Z (n,) in m."""

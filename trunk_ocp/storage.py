@@ -128,12 +128,24 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "phase": plan.motion.phases[step.phase].name,
                 "objective": errors.paper,
                 "position_error": errors.position.tolist(),
+                "position_error_at": errors.position_Z.tolist(),
                 "tangent_error": errors.direction.tolist(),
+                "tangent_error_at": errors.direction_Z.tolist(),
                 "psi_z": float(x[-2]),
                 "psi_y": float(x[-1]),
             }
             for step, errors, x in zip(plan.motion.steps, plan.errors, plan.x, strict=False)
         ],
+        "steps_planned": len(plan.x),
+        "units": {
+            "time": "s",
+            "seconds": "s of wall time",
+            "position_error, max_position_error, max_verification_error": "m",
+            "position_error_at, tangent_error_at": "Z of the target, m",
+            "tangent_error": "length of the error of a director, the tangent d3 as a rule",
+            "psi_z, psi_y": "rad",
+            "objective": "J of eq. (42) with the problem's weights",
+        },
         "version": version("trunk_ocp"),
     }
     finite: dict[str, Any] = _finite(report)
@@ -161,15 +173,27 @@ def dataset(plan: Plan) -> xr.Dataset:
                 {"long_name": "negative contracts"},
             ),
             "head": (("time", "angle"), plan.head, {"units": "rad"}),
-            "tip_force": (("time", "axis"), plan.tip_forces, {"units": "N"}),
+            "tip_force": (
+                ("time", "axis"),
+                plan.tip_forces,
+                {"units": "N", "long_name": "on the tip, pulls included"},
+            ),
             "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
             "contact_couple": (
                 ("time", "axis"),
                 [x.contact_couple for x in loads],
                 {"units": "N m"},
             ),
-            "position": (("time", "Z", "axis"), plan.shape.position(Z), {"units": "m"}),
-            "directors": (("time", "Z", "director", "axis"), plan.shape.directors(Z)),
+            "position": (
+                ("time", "Z", "axis"),
+                plan.shape.position(Z),
+                {"units": "m", "long_name": "centerline; X forwards, Y to the right, Z down"},
+            ),
+            "directors": (
+                ("time", "Z", "director", "axis"),
+                plan.shape.directors(Z),
+                {"long_name": "unit vectors: d1 dorsal, d2 right, d3 along the trunk"},
+            ),
             "moment": (
                 ("time", "Z", "director"),
                 plan.shape.moment(Z),

@@ -7,6 +7,7 @@ free tip, targets, bounds - is recomputed from that.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,6 +27,7 @@ TOLERANCE = 1e-10
 LARGEST_DIFFERENCE = 1e-4  # m, between the planned and the integrated centerline
 LARGEST_FORCE_DIFFERENCE = 1e-3  # of the largest force that pulls, between planned and held pull
 LARGEST_END_MOMENT = 1e-3  # of the largest moment along the trunk
+MOST_STEPS = 20_000  # of an integration; the shipped motions take about 100
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
 
@@ -69,6 +71,11 @@ class Verification:
     change: np.ndarray
 
     @property
+    def too_coarse(self) -> bool:
+        """Whether planned and integrated centerlines differ by more than is allowed."""
+        return bool(np.any(self.position_difference > LARGEST_DIFFERENCE))
+
+    @property
     def faults(self) -> list[str]:
         """What does not hold, a sentence each; empty if all does."""
         checks = (
@@ -84,7 +91,7 @@ class Verification:
         )  # fmt: skip
         return [
             f"step {int(np.argmax(_nan_high(values))) + 1}: {what} "
-            f"{_nan_high(values).max():.2g} {unit}".rstrip()
+            f"{_nan_high(values).max():.3g} {unit}".rstrip()
             + f", {limit:g} is allowed"
             for what, values, unit, limit in checks
             if not np.all(values <= limit)
@@ -189,8 +196,9 @@ def integrate(
             t_eval=np.union1d(Z[inside], [end]),
             rtol=TOLERANCE,
             atol=TOLERANCE,
+            events=_patience(),
         )
-        if not result.success:
+        if not result.success or result.t[-1] < end:
             break  # NaN from here on: never called verified
         path = result.y.T.reshape(-1, H, 15)
         values[inside] = path[: np.count_nonzero(inside)]
@@ -198,6 +206,17 @@ def integrate(
     values = values.swapaxes(0, 1)
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
     return Trajectory(Z, values[..., :3], directors, values[..., 12:])
+
+
+def _patience() -> Callable[[float, np.ndarray], float]:
+    """An event that ends an integration without end, as of a rod that coils in itself."""
+    steps = itertools.count()
+
+    def spent(Z: float, y: np.ndarray) -> float:
+        return MOST_STEPS - next(steps)
+
+    spent.terminal = True  # type: ignore[attr-defined]  # scipy's own way to say it
+    return spent
 
 
 def _integrate_some(
