@@ -8,7 +8,6 @@ import numpy as np
 from trunk_ocp.motion import load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.statics import solve_statics
-from trunk_ocp.transcription import Task
 
 MOTIONS = ("pick-fruit", "lift-log", "lift-log-asymmetric")
 
@@ -85,17 +84,9 @@ def written(folder, text, name="problem.toml"):
     return path
 
 
-def tasks_of(motion, first=0, last=None):
-    """Time steps as tasks of a window."""
-    return [
-        Task(step.duration, step.targets, step.loads, step.pull, step.box, step.change)
-        for step in motion.steps[first:last]
-    ]
-
-
 def in_equilibrium(window, x):
     """Shapes of a window's steps under their loads, pulls included, on the window's mesh."""
-    loads = [task.loads for task in window.tasks]
+    loads = [step.loads for step in window.steps]
     trunk = window.motion.trunk
     shapes = solve_statics(trunk, x[:, :-2], x[:, -2:], loads, window.mesh)
     loads = [

@@ -3,7 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
-from plans import first_steps, in_equilibrium, shipped, tasks_of
+from plans import first_steps, in_equilibrium, shipped
 from scipy.optimize import rosen, rosen_der, rosen_hess
 
 from trunk_ocp.assembly import Assembly
@@ -114,7 +114,7 @@ def window(name, first, last, held=None, elements=3, degree=4):
     motion = first_steps(name, last)
     mesh = mesh_for(motion.trunk, motion.contact_from, elements, degree)
     before = np.zeros(len(motion.trunk.muscles) + 2)
-    tasks = tasks_of(motion, first, last)
+    tasks = motion.steps[first:last]
     return Window(motion, mesh, tasks, before, held or {}, first, Weights(1e-3, 1e-2))
 
 
@@ -131,7 +131,7 @@ WINDOWS = {
 @pytest.mark.parametrize("make", WINDOWS.values(), ids=WINDOWS)
 def test_derivatives_of_a_window_are_those_of_automatic_differentiation(make):
     w, rng = make(), np.random.default_rng(7)
-    x = -0.3 * rng.random((len(w.tasks), 30))
+    x = -0.3 * rng.random((len(w.steps), 30))
     shapes, _ = in_equilibrium(w, x)
     full = w.pack(x, shapes) + 0.1 * rng.normal(size=w.programme.size[0])
     lam_f, lam_g = 1.7, rng.normal(size=w.programme.size[1])
@@ -142,7 +142,7 @@ def test_derivatives_of_a_window_are_those_of_automatic_differentiation(make):
 
 def test_the_wrap_window_does_have_targets_inside_elements():
     w = WINDOWS["wrap with targets inside elements"]()
-    _, tau = w.mesh.locate(np.array([target.Z for target in w.tasks[0].targets]))
+    _, tau = w.mesh.locate(np.array([target.Z for target in w.steps[0].targets]))
     assert np.any((tau > 0.01) & (tau < 0.99))
 
 

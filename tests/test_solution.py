@@ -78,7 +78,7 @@ def test_the_tolerance_decides_what_is_missed(plan):
     assert strict.status is Status.MISSED
     assert strict.verified
     worst = plan.errors[0].position[0]
-    assert f"step 1: the target at Z = 1.4 m is missed by {1e3 * worst:.3g} mm" in strict.missed[0]
+    assert f"step 1: the target at Z = 1.4 m is missed by {1e3 * worst:.4g} mm" in strict.missed[0]
 
 
 def test_how_it_ended_comes_before_how_good_it_is(plan):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
-from plans import first_steps, in_equilibrium, planned, shipped, tasks_of
+from plans import first_steps, in_equilibrium, planned, shipped
 
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.loads import Loads
@@ -22,7 +22,7 @@ def window(name, first, last, weights=None, elements=3, degree=6, before=None, h
     motion = first_steps(name, last)
     mesh = mesh_for(motion.trunk, motion.contact_from, elements, degree)
     before = np.zeros(30) if before is None else before
-    tasks = tasks_of(motion, first, last)
+    tasks = motion.steps[first:last]
     return Window(motion, mesh, tasks, before, held or {}, first, weights or Weights())
 
 
@@ -57,7 +57,7 @@ CASES = {"pick-fruit": 4, "lift-log": 3, "lift-log-asymmetric": 3}
 def test_equilibria_of_statics_satisfy_the_constraints(name, steps):
     """Two codes agree: a Newton solver on condensed elements, and the programme's equations."""
     w = window(name, 0, steps)
-    boxes = [task.box for task in w.tasks]
+    boxes = [step.box for step in w.steps]
     x = np.clip(drawn(steps), [b.lower for b in boxes], [b.upper for b in boxes])
     shapes, _ = in_equilibrium(w, x)
     full = w.pack(x, shapes)
@@ -196,6 +196,6 @@ def test_a_target_without_position_weight_costs_nothing():
     light = replace(step, targets=tuple(replace(g, position_weight=0.0) for g in step.targets[1:5]))
     motion = replace(motion, steps=(light,))
     mesh = mesh_for(motion.trunk, motion.contact_from, 3, 6)
-    w = Window(motion, mesh, tasks_of(motion), np.zeros(30), {}, 0, Weights(0.0, 0.0))
+    w = Window(motion, mesh, motion.steps, np.zeros(30), {}, 0, Weights(0.0, 0.0))
     shapes, _ = in_equilibrium(w, drawn(1))
     assert values(w, w.pack(drawn(1), shapes))[0] == 0.0

@@ -73,7 +73,9 @@ def strain_matrix(trunk: Trunk) -> np.ndarray:
 
 def strains(trunk: Trunk, activation: np.ndarray) -> np.ndarray:
     """Strain numbers (..., segments, 4) of activations (..., muscles); see `strain_matrix`."""
-    return np.array([1.0, 0, 0, 0]) + np.einsum("sim,...m->...si", strain_matrix(trunk), activation)
+    A = strain_matrix(trunk)
+    change = np.asarray(activation) @ A.reshape(4 * trunk.segments, A.shape[2]).T
+    return np.array([1.0, 0, 0, 0]) + change.reshape(*change.shape[:-1], trunk.segments, 4)
 
 
 def segment_fractions(trunk: Trunk) -> np.ndarray:

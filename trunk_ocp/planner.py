@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ from .solution import Plan, loads_of
 from .solver import CONVERGED, Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
-from .transcription import Task, Weights, Window
+from .transcription import Weights, Window
 
 REFINEMENTS = 2
 """How often the mesh is halved where the independent check finds it too coarse."""
@@ -193,11 +193,11 @@ class Pass:
 
     # --- windows ---------------------------------------------------------------------
 
-    def window(self, first: int, tasks: list[Task], state: State) -> Window:
-        """The programme of `tasks` from step `first` on, after what has been decided."""
+    def window(self, first: int, steps: Sequence[Step], state: State) -> Window:
+        """The programme of `steps` from step `first` on, after what has been decided."""
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         return Window(
-            self.motion, self.mesh, tasks, before, state.held, first, self.options.weights
+            self.motion, self.mesh, steps, before, state.held, first, self.options.weights
         )
 
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
@@ -205,11 +205,11 @@ class Pass:
 
     def _start(self, window: Window, x: np.ndarray) -> np.ndarray:
         """All unknowns of a window from those of its steps, within bounds, rods in equilibrium."""
-        boxes = [task.box for task in window.tasks]
+        boxes = [step.box for step in window.steps]
         x = np.clip(x, [box.lower for box in boxes], [box.upper for box in boxes])
         if np.any(strains(self.motion.trunk, x[:, :-2])[..., 0] <= 0):
             x = np.zeros_like(x)  # no shape has such activations; let Ipopt find its way
-        loads = [task.loads for task in window.tasks]
+        loads = [step.loads for step in window.steps]
         try:
             shapes = self._shapes(x, loads)
             pulls = window.pulls(shapes)
@@ -231,7 +231,7 @@ class Pass:
     ) -> tuple[Window, Outcome]:
         """A window of the horizon: the best of several starts."""
         steps = self.motion.steps[first:last]
-        window = self.window(first, [task_of(step) for step in steps], state)
+        window = self.window(first, list(steps), state)
         named = f"steps {first + 1} to {last}"
         best: Outcome | None = None
         converged = False
@@ -279,15 +279,15 @@ class Pass:
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         if step.auxiliary is None:
             state.auxiliary = None
-            window = self.window(first, [task_of(step)], state)
+            window = self.window(first, [step], state)
             return window, self._solve(window, before[None], named)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
-        task = task_of(step)
+        loaded = step
         if step.auxiliary.binds:
             state.near[first] = guess
             box = allowed(self.motion, step, guess)
-            task = replace(task, box=box, change=_anything(self.unknowns))
-        window = self.window(first, [task], state)
+            loaded = replace(step, box=box, change=_anything(self.unknowns))
+        window = self.window(first, [loaded], state)
         return window, self._solve(window, guess[None], named)
 
     def _auxiliary(self, first: int, named: str, state: State) -> np.ndarray:
@@ -297,14 +297,14 @@ class Pass:
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         reference = state.auxiliary if chained and state.auxiliary is not None else before
         unloaded = step.loads.scaled(0.0)
-        task = replace(
-            task_of(step),
+        alone = replace(
+            step,
             loads=unloaded,
             pull=None,
             change=step.change if chained else _anything(self.unknowns),
         )
         window = Window(
-            self.motion, self.mesh, [task], reference, state.held, first, self.options.weights
+            self.motion, self.mesh, [alone], reference, state.held, first, self.options.weights
         )
         outcome = self._solve(window, reference[None], named)
         if not outcome.converged and not outcome.stopped:
@@ -338,11 +338,6 @@ class Pass:
             converged=state.converged,
             interrupted=self.stopped,
         )
-
-
-def task_of(step: Step) -> Task:
-    """A step of a motion as part of a window, bounds on change included."""
-    return Task(step.duration, step.targets, step.loads, step.pull, step.box, step.change)
 
 
 def _anything(size: int) -> Box:

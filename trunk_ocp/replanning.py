@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from .errors import InputError
 from .motion import Motion
-from .planner import Options, Pass, State, task_of
+from .planner import Options, Pass, State
 from .reporting import Reporter
 from .solution import Plan
 from .solver import Optimiser
@@ -81,4 +81,4 @@ class Replanner:
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)
         planner = Pass(motion, self._mesh, "horizon", count, self._options, self._optimiser)
-        return planner.window(0, [task_of(step) for step in motion.steps], State()), planner
+        return planner.window(0, motion.steps, State()), planner

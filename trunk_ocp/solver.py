@@ -188,7 +188,7 @@ class _Watch(ca.Callback):
                 self._stage,
                 self._detail,
                 window.offset + 1,
-                window.offset + len(window.tasks),
+                window.offset + len(window.steps),
                 self._iteration,
                 window.worst_error(full),
                 _violation(g, window.bounds["lbg"], window.bounds["ubg"]),

@@ -162,77 +162,8 @@ def _finite(value: Any) -> Any:
 
 def dataset(plan: Plan) -> xr.Dataset:
     """The whole plan as labelled arrays."""
-    motion = plan.motion
-    Z = np.linspace(0.0, motion.trunk.length, POINTS)
-    loads = plan.loads
-    data = xr.Dataset(
-        {
-            "activation": (
-                ("time", "muscle"),
-                plan.activations,
-                {"long_name": "negative contracts"},
-            ),
-            "head": (("time", "angle"), plan.head, {"units": "rad"}),
-            "tip_force": (
-                ("time", "axis"),
-                plan.tip_forces,
-                {"units": "N", "long_name": "on the tip, pulls included"},
-            ),
-            "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
-            "contact_couple": (
-                ("time", "axis"),
-                [x.contact_couple for x in loads],
-                {"units": "N m"},
-            ),
-            "position": (
-                ("time", "Z", "axis"),
-                plan.shape.position(Z),
-                {"units": "m", "long_name": "centerline; X forwards, Y to the right, Z down"},
-            ),
-            "directors": (
-                ("time", "Z", "director", "axis"),
-                plan.shape.directors(Z),
-                {"long_name": "unit vectors: d1 dorsal, d2 right, d3 along the trunk"},
-            ),
-            "moment": (
-                ("time", "Z", "director"),
-                plan.shape.moment(Z),
-                {"units": "N m", "long_name": "internal moment in the directors"},
-            ),
-            "edge": (("edge_number",), np.asarray(plan.mesh.edges), {"units": "m"}),
-            "state": (
-                ("time", "element", "node", "component"),
-                plan.shape.states,
-                {"long_name": "collocation states: quaternion, then moment in N m"},
-            ),
-        },
-        {
-            "time": ("time", motion.times[: len(plan.x)], {"units": "s"}),
-            "muscle": list(motion.trunk.muscles),
-            "angle": ["psi_z", "psi_y"],
-            "axis": ["X", "Y", "Z"],
-            "director": ["d1", "d2", "d3"],
-            "Z": ("Z", Z, {"units": "m"}),
-        },
-        {
-            "title": motion.spec.title or motion.name,
-            "problem_json": motion.spec.model_dump_json(),
-            "anatomy_json": motion.anatomy.model_dump_json(),
-            "notes_json": json.dumps(plan.notes),
-            "status": plan.status.name.lower(),
-            "plan_mode": plan.mode,
-            "lookahead": plan.lookahead,
-            "weight_effort": plan.weights.effort,
-            "weight_rate": plan.weights.rate,
-            "converged": int(plan.converged),
-            "interrupted": int(plan.interrupted),
-            "iterations": plan.iterations,
-            "seconds_setup": plan.setup_seconds,
-            "seconds_solve": plan.solve_seconds,
-            "seconds_total": plan.total_seconds,
-            "source": f"trunk_ocp {version('trunk_ocp')}",
-        },
-    )
+    Z = np.linspace(0.0, plan.motion.trunk.length, POINTS)
+    data = xr.Dataset(_arrays(plan, Z), _coordinates(plan, Z), _attributes(plan))
     if plan.near:
         near = np.stack(list(plan.near.values()))
         data["near_step"] = ("near_number", np.array(list(plan.near)) + 1)
@@ -240,6 +171,87 @@ def dataset(plan: Plan) -> xr.Dataset:
         data["near_head"] = (("near_number", "angle"), near[:, -2:])
     # The format reads a dimension of length 0 as unlimited: leave such arrays out.
     return data.drop_vars([name for name, array in data.variables.items() if not array.size])
+
+
+def _arrays(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
+    """Arrays with their dimensions, units and meanings."""
+    loads = plan.loads
+    return {
+        "activation": (
+            ("time", "muscle"),
+            plan.activations,
+            {"long_name": "negative contracts"},
+        ),
+        "head": (("time", "angle"), plan.head, {"units": "rad"}),
+        "tip_force": (
+            ("time", "axis"),
+            plan.tip_forces,
+            {"units": "N", "long_name": "on the tip, pulls included"},
+        ),
+        "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
+        "contact_couple": (
+            ("time", "axis"),
+            [x.contact_couple for x in loads],
+            {"units": "N m"},
+        ),
+        "position": (
+            ("time", "Z", "axis"),
+            plan.shape.position(Z),
+            {"units": "m", "long_name": "centerline; X forwards, Y to the right, Z down"},
+        ),
+        "directors": (
+            ("time", "Z", "director", "axis"),
+            plan.shape.directors(Z),
+            {"long_name": "unit vectors: d1 dorsal, d2 right, d3 along the trunk"},
+        ),
+        "moment": (
+            ("time", "Z", "director"),
+            plan.shape.moment(Z),
+            {"units": "N m", "long_name": "internal moment in the directors"},
+        ),
+        "edge": (("edge_number",), np.asarray(plan.mesh.edges), {"units": "m"}),
+        "state": (
+            ("time", "element", "node", "component"),
+            plan.shape.states,
+            {"long_name": "collocation states: quaternion, then moment in N m"},
+        ),
+    }
+
+
+def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
+    """Labels of the dimensions."""
+    motion = plan.motion
+    return {
+        "time": ("time", motion.times[: len(plan.x)], {"units": "s"}),
+        "muscle": list(motion.trunk.muscles),
+        "angle": ["psi_z", "psi_y"],
+        "axis": ["X", "Y", "Z"],
+        "director": ["d1", "d2", "d3"],
+        "Z": ("Z", Z, {"units": "m"}),
+    }
+
+
+def _attributes(plan: Plan) -> dict[str, Any]:
+    """What is not an array: the problem itself, and how the plan was made."""
+    motion = plan.motion
+    return {
+        "title": motion.spec.title or motion.name,
+        "problem_json": motion.spec.model_dump_json(),
+        "anatomy_json": motion.anatomy.model_dump_json(),
+        "notes_json": json.dumps(plan.notes),
+        "status": plan.status.name.lower(),
+        "plan_mode": plan.mode,
+        "lookahead": plan.lookahead,
+        "weight_effort": plan.weights.effort,
+        "weight_rate": plan.weights.rate,
+        "converged": int(plan.converged),
+        "interrupted": int(plan.interrupted),
+        "iterations": plan.iterations,
+        "seconds_setup": plan.setup_seconds,
+        "seconds_solve": plan.solve_seconds,
+        "seconds_total": plan.total_seconds,
+        "source": f"trunk_ocp {version('trunk_ocp')}",
+    }
 
 
 def _write_activations(plan: Plan, path: Path) -> None:

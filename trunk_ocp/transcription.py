@@ -20,12 +20,12 @@ from .activation import segment_at, segment_fractions, strain_matrix, strains
 from .assembly import Assembly
 from .collocation import Mesh, gauss
 from .loads import Loads
-from .motion import Box, Motion
+from .motion import Motion, Step
 from .rod import RATES, STATES, point_parameters
 from .rotations import directors
 from .separable import Programme
 from .statics import Shape
-from .targets import Direction, Held, Target
+from .targets import Direction, Held
 from .terms import (
     base,
     director,
@@ -54,18 +54,6 @@ class Weights:
 
 
 @dataclass(frozen=True)
-class Task:
-    """One time step of a window, all choices made: the numbers of its part of the NLP."""
-
-    duration: float
-    targets: tuple[Target, ...]
-    loads: Loads
-    pull: tuple[float, Held] | None
-    box: Box
-    change: Box
-
-
-@dataclass(frozen=True)
 class _Unknowns:
     """Indices in x of one step's unknowns."""
 
@@ -84,7 +72,7 @@ class Window:
 
     Parameters
     ----------
-    tasks : the steps
+    steps : the time steps
     previous : (muscles + 2,)
         Unknowns of the step before, known.
     held : known values (3,) of the directions that these steps need from earlier ones.
@@ -95,13 +83,13 @@ class Window:
         self,
         motion: Motion,
         mesh: Mesh,
-        tasks: Sequence[Task],
+        steps: Sequence[Step],
         previous: np.ndarray,
         held: dict[Held, np.ndarray],
         offset: int,
         weights: Weights,
     ) -> None:
-        self.motion, self.mesh, self.tasks, self.offset = motion, mesh, tuple(tasks), offset
+        self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
         self.known = held
         trunk = motion.trunk
         self.length = trunk.length
@@ -109,7 +97,7 @@ class Window:
         self.force = self.moment / trunk.length
         self._assembly = Assembly()
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
-        self.unknowns = [self._step(offset + t, task) for t, task in enumerate(self.tasks)]
+        self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
         self._couplings()
         self._costs(weights)
@@ -128,21 +116,21 @@ class Window:
 
     # --- one step --------------------------------------------------------------------
 
-    def _step(self, number: int, task: Task) -> _Unknowns:
+    def _step(self, number: int, step: Step) -> _Unknowns:
         """Variables of one step, and the equations of its rod."""
         add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
         E, d, S = mesh.elements, mesh.degree, trunk.segments
         low, high = self.motion.extension
         strain_low, strain_high = np.full((S, 4), -np.inf), np.full((S, 4), np.inf)
         strain_low[:, 0], strain_high[:, 0] = low, high
-        tip = np.asarray(task.loads.tip_force) / self.force
-        free = task.pull is not None and not self._is_known(task.pull[1])
-        if task.pull is not None and not free:
-            tip = tip + task.pull[0] / self.force * self.known[task.pull[1]]
+        tip = np.asarray(step.loads.tip_force) / self.force
+        free = step.pull is not None and not self._is_known(step.pull[1])
+        if step.pull is not None and not free:
+            tip = tip + step.pull[0] / self.force * self.known[step.pull[1]]
         at_edge = np.full((E + 1, STATES), np.inf)
         at_edge[-1, 4:] = 0.0  # m(L) = 0
         unknowns = _Unknowns(
-            x=add.variables(task.box.lower.size, lower=task.box.lower, upper=task.box.upper),
+            x=add.variables(step.box.lower.size, lower=step.box.lower, upper=step.box.upper),
             strain=add.variables(S, 4, lower=strain_low, upper=strain_high),
             mean=add.variables(1),
             tip_force=add.variables(
@@ -155,10 +143,10 @@ class Window:
         )
         self._strain_rows(unknowns)
         self._base_rows(unknowns)
-        asked = {target.Z for target in task.targets}
+        asked = {target.Z for target in step.targets}
         asked |= {held.Z for held in self.motion.held if held.step == number}
         inside = self._point_variables(unknowns, asked)
-        self._rod_rows(unknowns, task.loads, inside)
+        self._rod_rows(unknowns, step.loads, inside)
         return unknowns
 
     def _strain_rows(self, u: _Unknowns) -> None:
@@ -278,7 +266,7 @@ class Window:
         """
         add, indices = self._assembly, {}
         for reference in self.motion.held:
-            if not 0 <= reference.step - self.offset < len(self.tasks):
+            if not 0 <= reference.step - self.offset < len(self.steps):
                 continue
             unknowns = self.unknowns[reference.step - self.offset]
             D, rows = add.variables(3), add.rows(3)
@@ -300,16 +288,16 @@ class Window:
         """Pulls along held directions; bounds on change."""
         add = self._assembly
         before = self.previous
-        for task, u in zip(self.tasks, self.unknowns, strict=True):
-            pulled = task.pull is not None and not self._is_known(task.pull[1])
-            if pulled and task.pull is not None:
-                own = np.asarray(task.loads.tip_force) / self.force
+        for step, u in zip(self.steps, self.unknowns, strict=True):
+            pulled = step.pull is not None and not self._is_known(step.pull[1])
+            if pulled and step.pull is not None:
+                own = np.asarray(step.loads.tip_force) / self.force
                 rows = add.rows(3, lower=own, upper=own)
                 add.linear(rows, u.tip_force)
-                strength = np.array([[-task.pull[0] / self.force]])
-                D = self.held[task.pull[1]]
+                strength = np.array([[-step.pull[0] / self.force]])
+                D = self.held[step.pull[1]]
                 add.term(scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
-            change = task.change
+            change = step.change
             limited = np.flatnonzero(np.isfinite(change.lower) | np.isfinite(change.upper))
             rows = add.rows(limited.size, lower=change.lower[limited], upper=change.upper[limited])
             add.linear(rows, u.x[limited])
@@ -321,8 +309,8 @@ class Window:
         positions: list[tuple[np.ndarray, np.ndarray]] = []
         fixed: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
         moving: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-        for task, u in zip(self.tasks, self.unknowns, strict=True):
-            for target in task.targets:
+        for step, u in zip(self.steps, self.unknowns, strict=True):
+            for target in step.targets:
                 q, r = u.points[target.Z]
                 if target.position is not None:
                     positions.append((r, np.array([*target.position, target.position_weight])))
@@ -343,7 +331,7 @@ class Window:
         self._assembly.cost(
             square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
         )
-        per_second = np.array([[weights.rate / task.duration] for task in self.tasks])
+        per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
         self._assembly.cost(
             squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
@@ -358,11 +346,11 @@ class Window:
 
     def pulls(self, shapes: Shape) -> np.ndarray:
         """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`."""
-        forces = np.zeros((len(self.tasks), 3))
-        for t, task in enumerate(self.tasks):
-            if task.pull is None:
+        forces = np.zeros((len(self.steps), 3))
+        for t, step in enumerate(self.steps):
+            if step.pull is None:
                 continue
-            strength, held = task.pull
+            strength, held = step.pull
             if held in self.held:
                 rows = shapes.directors(np.array([held.Z]))
                 forces[t] = strength * rows[held.step - self.offset, 0, held.director]
@@ -381,10 +369,10 @@ class Window:
         inner = shapes.state(self.mesh.points.ravel()) * scale
         line = shapes.position(np.asarray(self.mesh.edges)) / L
         pulls = self.pulls(shapes)
-        for t, (task, u) in enumerate(zip(self.tasks, self.unknowns, strict=True)):
+        for t, (step, u) in enumerate(zip(self.steps, self.unknowns, strict=True)):
             full[u.x], full[u.strain] = x[t], strain[t]
             full[u.mean] = strain[t, :, 0] @ segment_fractions(trunk)
-            full[u.tip_force] = (np.asarray(task.loads.tip_force) + pulls[t]) / self.force
+            full[u.tip_force] = (np.asarray(step.loads.tip_force) + pulls[t]) / self.force
             full[u.edges], full[u.line] = at_edges[t], line[t]
             full[u.inner] = inner[t].reshape(u.inner.shape)
             for Z, (q, r) in u.points.items():
@@ -403,8 +391,8 @@ class Window:
         """Largest distance in m between a target position and the trunk."""
         errors = [
             np.linalg.norm(full[u.points[target.Z][1]] * self.length - np.asarray(target.position))
-            for task, u in zip(self.tasks, self.unknowns, strict=True)
-            for target in task.targets
+            for step, u in zip(self.steps, self.unknowns, strict=True)
+            for target in step.targets
             if target.position is not None and target.position_weight > 0
         ]
         return float(max(errors, default=0.0))
@@ -412,8 +400,8 @@ class Window:
     def reached(self, full: np.ndarray) -> bool:
         """Whether every target of positive weight is reached within the motion's tolerance."""
         position, direction = self.motion.tolerance
-        for task, u in zip(self.tasks, self.unknowns, strict=True):
-            for target in task.targets:
+        for step, u in zip(self.steps, self.unknowns, strict=True):
+            for target in step.targets:
                 for j, d, _ in target.pairs():
                     own = np.array(directors(full[u.points[target.Z][0]])[j])
                     if not np.linalg.norm(own - self._goal(full, d)) <= direction:
