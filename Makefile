@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 
-.PHONY: venv motion results test lint schema clean
+.PHONY: venv motion results test lint bench schema clean
 
 venv: $(READY)
 
@@ -29,6 +29,11 @@ lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Everything side by side, some 15 minutes; BENCH=--quick for three. Only this needs the rivals.
+bench: venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+	$(BIN)/python -m benchmarks.run $(BENCH)
 
 schema: venv
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json

@@ -1,0 +1,143 @@
+"""The bars of the issue, and whether a run met them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .jobs import MOTIONS, SEGMENTS, STEPS
+
+Parts = dict[str, dict[str, Any]]
+PLAN = {"lift-log": (2.4, 0.8), "lift-log-asymmetric": (2.4, 0.8), "pick-fruit": (4.2, 1.5)}  # s
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A measured value against what was asked: at most `bar`, or at least if `least`."""
+
+    what: str
+    value: float | None
+    bar: float | None
+    stretch: float | None = None
+    unit: str = "s"
+    least: bool = False
+
+    def _met(self, limit: float | None) -> bool | None:
+        if self.value is None or limit is None:
+            return None
+        return self.value >= limit if self.least else self.value <= limit
+
+    def _shown(self, limit: float | None) -> str:
+        sign = ">=" if self.least else "<="
+        return "-" if limit is None else f"{sign} {_number(limit)} {self.unit}".rstrip()
+
+    @property
+    def met(self) -> bool | None:
+        return self._met(self.bar)
+
+    @property
+    def stretch_met(self) -> str:
+        return {True: "yes", False: "no", None: "-"}[self._met(self.stretch)]
+
+    @property
+    def shown(self) -> str:
+        return "-" if self.value is None else f"{_number(self.value)} {self.unit}".rstrip()
+
+    @property
+    def bar_shown(self) -> str:
+        return self._shown(self.bar)
+
+    @property
+    def stretch_shown(self) -> str:
+        return self._shown(self.stretch)
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def bars(parts: Parts) -> list[Bar]:
+    """Every bar; `value` is None where it was not measured or failed."""
+
+    def get(key: str, name: str, factor: float = 1.0) -> float | None:
+        value = parts.get(key, {}).get(name)
+        return None if value is None else value * factor
+
+    result = []
+    for motion in MOTIONS:
+        key = f"horizon {motion}"
+        solved = str(get_text(parts, key)).startswith("solved")
+        value = get(key, "total_seconds") if solved else None
+        result.append(Bar(f"horizon plan, {motion}", value, *PLAN[motion]))
+    for motion in MOTIONS:
+        plan = get(f"horizon {motion}", "total_seconds", 2.0)
+        limit = None if plan is None else plan + 2
+        value = get(f"command {motion}", "wall_seconds")
+        result.append(Bar(f"`solve-motion {motion}`: 2 x the plan above + 2 s", value, limit))
+    result.append(
+        Bar(
+            "peak memory of `solve-motion`, the worst of three",
+            worst(get(f"command {motion}", "peak_memory_mb") for motion in MOTIONS),
+            300,
+            unit="MB",
+        )
+    )
+    for motion in MOTIONS:
+        key = f"replan {motion}"
+        result += [
+            Bar(f"re-plan, {motion}: iterations, worst", get(key, "worst_iterations"), 5, unit=""),
+            Bar(f"re-plan, {motion}: median", get(key, "seconds", 1e3), 150, 40, "ms"),
+        ]
+    growth = {
+        kind: ratio(get(f"{kind} {a}", each), get(f"{kind} {b}", each), b / a)
+        for each in ["seconds_per_iteration"]
+        for kind, a, b in (
+            ("steps", STEPS[0], STEPS[-1]),
+            ("segments", SEGMENTS[0], SEGMENTS[-1]),
+        )
+    }
+    verified = str(get_text(parts, "segments24")).startswith("solved")
+    return [
+        *result,
+        Bar("one loaded shape, cold", get("single", "cold_seconds", 1e3), 1, 0.85, "ms"),
+        Bar("one loaded shape, warm", get("single", "warm_seconds", 1e3), 0.3, unit="ms"),
+        Bar("its error", get("single", "error_in_L"), 1e-6, unit="L"),
+        Bar(
+            "loaded shapes, two cores", get("loaded", "per_second_two_cores"), 5e3, 2e4, "/s", True
+        ),
+        Bar("their error", get("loaded", "error_in_L"), 1e-5, unit="L"),
+        Bar(
+            "unloaded shapes, two cores",
+            get("unloaded", "per_second_two_cores"),
+            1e6,
+            unit="/s",
+            least=True,
+        ),
+        Bar("tip Jacobian over the shape", get("single", "jacobian_over_shape"), 3, unit="x"),
+        Bar("one iteration, 10 -> 80 steps, of linear growth", growth["steps"], 1.25, unit="x"),
+        Bar("the same, 3 -> 24 segments", growth["segments"], 1.25, unit="x"),
+        Bar(
+            "24 segments, lift-log horizon, solved and verified",
+            get("segments24", "total_seconds") if verified else None,
+            60,
+        ),
+        Bar(
+            "verification difference, the worst of three motions",
+            worst(get(f"horizon {motion}", "verification_error_m", 1e3) for motion in MOTIONS),
+            0.1,
+            unit="mm",
+        ),
+    ]
+
+
+def get_text(parts: Parts, key: str) -> Any:
+    return parts.get(key, {}).get("status")
+
+
+def worst(values: Any) -> float | None:
+    every = list(values)
+    return None if None in every else max(every)
+
+
+def ratio(small: float | None, large: float | None, growth: float) -> float | None:
+    return None if small is None or large is None else large / small / growth

@@ -1,0 +1,144 @@
+"""Whole motions: ours, a re-plan, and the horizon's programme written the ordinary way."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+import trunk_ocp as to
+from trunk_ocp.collocation import mesh_for
+from trunk_ocp.planner import Options, Pass, State
+from trunk_ocp.solver import IPOPT, Optimiser
+from trunk_ocp.transcription import Window
+
+from .common import median, run_part
+from .objective import Objective
+
+SHIFT = 0.01  # m
+
+
+def figures_of(plan: to.Plan) -> dict[str, Any]:
+    return {
+        "status": plan.status.value,
+        "setup_seconds": plan.setup_seconds,
+        "solve_seconds": plan.solve_seconds,
+        "total_seconds": plan.total_seconds,
+        "iterations": plan.iterations,
+        "objective": plan.objective.total,
+        "J": plan.objective.paper,
+        "verification_error_m": float(plan.verification.position_difference.max()),
+        "J_steps": [errors.paper for errors in plan.errors],
+    }
+
+
+def ours(motion: str, mode: str, repeats: int = 3) -> dict[str, Any]:
+    """Plan a motion a few times; medians of the seconds, which include every start it needs."""
+    loaded = to.load_motion(motion)
+    lookahead = 1 if mode == "sequential" else None
+    plans = [to.plan_motion(loaded, lookahead) for _ in range(repeats)]
+    totals = [plan.total_seconds for plan in plans]
+    figures = figures_of(plans[-1])
+    for name in ("setup_seconds", "solve_seconds", "total_seconds"):
+        figures[name] = median(getattr(plan, name) for plan in plans)
+    return figures | {"first_seconds": totals[0], "duration": loaded.steps[-1].time}
+
+
+def replan(motion: str) -> dict[str, Any]:
+    """Re-plan with every target moved 1 cm in each direction of space, and back again."""
+    loaded = to.load_motion(motion)
+    plan = to.plan_motion(loaded)
+    planner = to.Replanner(plan)
+    taken: list[to.Plan] = []
+    planner(loaded)
+    for axis in range(3):
+        for sign in (1, -1):
+            offset = sign * SHIFT * np.eye(3)[axis]
+            taken += [planner(loaded.shifted(tuple(offset))), planner(loaded)]
+    out = taken[0::2]
+    return {
+        "iterations": median(p.iterations for p in out),
+        "worst_iterations": max(p.iterations for p in out),
+        "seconds": median(p.total_seconds for p in out),
+        "worst_seconds": max(p.total_seconds for p in out),
+        "solve_seconds": median(p.solve_seconds for p in out),
+        "converged": sum(p.converged for p in taken),
+        "of": len(taken),
+        "verified": sum(not p.verification.faults for p in out),
+    }
+
+
+def horizon_window(motion: to.Motion) -> tuple[Window, np.ndarray, float]:
+    """The horizon's programme, its start - the sequential plan - and the seconds that took."""
+    options = Options()
+    began = time.perf_counter()
+    plan = to.plan_motion(motion, lookahead=1)
+    took = time.perf_counter() - began
+    mesh = mesh_for(motion.trunk, motion.contact_from, options.elements, options.degree)
+    one_pass = Pass(motion, mesh, "horizon", len(motion.steps), options, Optimiser())
+    window = one_pass.window(0, motion.steps, State())
+    return window, window.pack(plan.x, plan.shape), took
+
+
+def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
+    """The same programme, start and Ipopt options three ways.
+
+    "ours" hands Ipopt our derivatives; "plain" and "expand" leave them to `nlpsol`, with a graph
+    of matrix operations or expanded to scalars. The budget ends Ipopt; the graph takes what it
+    takes, and `run` ends the process.
+    """
+    loaded = to.load_motion(motion)
+    horizon_window(loaded)  # warm, as ours is measured
+    window, start, start_seconds = horizon_window(loaded)
+    began = time.perf_counter()
+    options: dict[str, Any] = {f"ipopt.{name}": value for name, value in IPOPT.items()} | {
+        "ipopt.max_wall_time": budget,
+        "print_time": False,
+        "record_time": True,
+        "error_on_fail": False,
+        "expand": way == "expand",
+    }
+    if way == "ours":
+        options |= window.programme.derivatives()
+    solver = ca.nlpsol("horizon", "ipopt", window.programme.nlp(), options)
+    setup = time.perf_counter() - began
+    result = solver(x0=start, p=window.parameters, **window.bounds)
+    stats = solver.stats()
+    derivatives = sum(
+        value
+        for name, value in stats.items()
+        if name.startswith("t_wall_nlp_") and name != "t_wall_nlp_grad"
+    )
+    solve = stats["t_wall_total"]
+    iterations = stats["iter_count"]
+    return {
+        "status": stats["return_status"],
+        "setup_seconds": setup,
+        "solve_seconds": solve,
+        "derivative_seconds": derivatives,
+        "linear_algebra_seconds": solve - derivatives,
+        "iterations": iterations,
+        "seconds_per_iteration": solve / max(iterations, 1),
+        "objective": float(result["f"]),
+        "J": paper_objective(loaded, window, np.asarray(result["x"]).ravel()),
+        "start_seconds": start_seconds,
+        "total_seconds": start_seconds + setup + solve,
+        "unknowns": window.programme.size[0],
+        "constraints": window.programme.size[1],
+    }
+
+
+def paper_objective(motion: to.Motion, window: Window, full: np.ndarray) -> float | None:
+    """J summed over the steps, of the forward solution for what a solve ended with."""
+    x = window.unknowns_of(full)
+    total, objective = 0.0, Objective(motion)
+    for t, values in enumerate(x):
+        total += objective.loaded(t, values[None])[0]
+        objective.decide(t, values)
+    return float(total)
+
+
+if __name__ == "__main__":
+    run_part({"ours": ours, "replan": replan, "horizon_nlp": horizon_nlp})
