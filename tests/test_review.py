@@ -1,12 +1,17 @@
 """Mistakes that were made once, and are not to come back."""
 
 import dataclasses
+import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import trunk_ocp as to
+from trunk_ocp.anatomy import AnatomySpec
+from trunk_ocp.motion import build_motion
 from trunk_ocp.planner import plan_motion
+from trunk_ocp.problem_file import ProblemSpec
 
 HEAD = """
 name = "{name}"
@@ -133,6 +138,28 @@ def test_a_shifted_motion_is_replanned_from_the_multipliers(tmp_path):
     anew = plan_motion(moved, start=plan)
     # Re-planning stops at a tolerance of 1e-6, planning at 1e-8.
     assert replanned.objective.total == pytest.approx(anew.objective.total, abs=5e-6)
+
+
+def test_many_segments_get_elements_of_a_lower_degree():
+    """Cut into 12 segments the trunk has 13 elements; the answer is verified all the same."""
+    motion = to.load_motion("lift-log")
+    anatomy = motion.anatomy.model_dump(mode="json")
+    pieces = []
+    for part in anatomy["segments"]:
+        edges = np.linspace(*part["Z_over_length"], 5).tolist()
+        pieces += [{**part, "Z_over_length": list(pair)} for pair in pairwise(edges)]
+    anatomy["segments"] = pieces
+    spec = motion.spec.model_dump(mode="json")
+    spec["phases"] = spec["phases"][:1]
+    spec["phases"][0]["bounds"]["muscles"] = {}
+    cut = build_motion(
+        ProblemSpec.model_validate_json(json.dumps(spec)),
+        AnatomySpec.model_validate_json(json.dumps(anatomy)),
+    )
+    plan = plan_motion(cut, 1)
+    assert plan.mesh.elements >= 12
+    assert plan.mesh.degree < 6
+    assert plan.status is to.Status.SOLVED
 
 
 @pytest.mark.parametrize("lookahead", [1, None])

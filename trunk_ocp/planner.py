@@ -29,6 +29,8 @@ from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Weights, Window
 
+GAUSS_POINTS = 24
+"""Along the trunk; with fewer, the shipped motions come near the check's limit."""
 REFINEMENTS = 2
 """How often the mesh is halved where the independent check finds it too coarse."""
 RANDOM = 0.4
@@ -44,7 +46,8 @@ class Options:
     Attributes
     ----------
     elements, degree : int
-        Mesh of the transcription, see `mesh_for`; refined if a plan's check asks for it.
+        Mesh of the transcription, see `mesh_for`; refined if a plan's check asks for it. The
+        degree is 6 by default, less (3 at least) where many segments bring many elements.
     linear_solver : str
         Of Ipopt: mumps comes with CasADi, ma27 ... ma97 and spral need installing.
     max_iterations : int
@@ -57,7 +60,7 @@ class Options:
 
     weights: Weights = field(default_factory=Weights)
     elements: int = 3
-    degree: int = 6
+    degree: int | None = None
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     starts: int = 1
@@ -118,7 +121,7 @@ def plan_motion(
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
-    mesh = mesh_for(motion.trunk, motion.contact_from, options.elements, options.degree)
+    mesh = _first_mesh(motion, options)
     given = start  # its own cost counts as well
     if mode != "sequential" and start is None:
         start = Pass(motion, mesh, "sequential", 1, options, optimiser).run()
@@ -130,7 +133,7 @@ def plan_motion(
         for _ in range(REFINEMENTS):
             if not plan.converged or not plan.verification.too_coarse or reporter.stop:
                 break
-            mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, options.degree)
+            mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)
             reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
             again = plan if mode != "sequential" else None
             plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again).run()
@@ -141,6 +144,13 @@ def plan_motion(
         solve_seconds=optimiser.solve_seconds + (given.solve_seconds if given else 0),
         total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
     )
+
+
+def _first_mesh(motion: Motion, options: Options) -> Mesh:
+    """Mesh to try first: some 24 Gauss points along the trunk, of a degree from 3 to 6."""
+    coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
+    degree = options.degree or min(max(GAUSS_POINTS // coarse.elements, 3), 6)
+    return Mesh(coarse.edges, degree)
 
 
 @dataclass
