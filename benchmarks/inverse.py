@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.planner import Options, Pass, State
+from trunk_ocp.planner import Options, Pass, State, first_mesh
 from trunk_ocp.solver import IPOPT, Optimiser
 from trunk_ocp.transcription import Window
 
@@ -76,7 +75,7 @@ def horizon_window(motion: to.Motion) -> tuple[Window, np.ndarray, float]:
     began = time.perf_counter()
     plan = to.plan_motion(motion, lookahead=1)
     took = time.perf_counter() - began
-    mesh = mesh_for(motion.trunk, motion.contact_from, options.elements, options.degree)
+    mesh = first_mesh(motion, options)
     one_pass = Pass(motion, mesh, "horizon", len(motion.steps), options, Optimiser())
     window = one_pass.window(0, motion.steps, State())
     return window, window.pack(plan.x, plan.shape), took

@@ -8,8 +8,8 @@ import numpy as np
 
 import trunk_ocp as to
 from trunk_ocp.activation import strains
-from trunk_ocp.collocation import mesh_for
 from trunk_ocp.loads import Loads
+from trunk_ocp.planner import first_mesh
 from trunk_ocp.rotations import directors
 from trunk_ocp.targets import Held
 from trunk_ocp.unloaded import unloaded_states
@@ -25,7 +25,7 @@ class Objective:
     def __init__(self, motion: to.Motion) -> None:
         self.motion, self.trunk = motion, motion.trunk
         options = to.Options()
-        self.mesh = mesh_for(self.trunk, motion.contact_from, options.elements, options.degree)
+        self.mesh = first_mesh(motion, options)
         self.held: dict[Held, np.ndarray] = {}
         self.evaluations = 0
 

@@ -121,7 +121,7 @@ def plan_motion(
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
-    mesh = _first_mesh(motion, options)
+    mesh = first_mesh(motion, options)
     given = start  # its own cost counts as well
     if mode != "sequential" and start is None:
         start = Pass(motion, mesh, "sequential", 1, options, optimiser).run()
@@ -146,7 +146,7 @@ def plan_motion(
     )
 
 
-def _first_mesh(motion: Motion, options: Options) -> Mesh:
+def first_mesh(motion: Motion, options: Options) -> Mesh:
     """Mesh to try first: some 24 Gauss points along the trunk, of a degree from 3 to 6."""
     coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
     degree = options.degree or min(max(GAUSS_POINTS // coarse.elements, 3), 6)
