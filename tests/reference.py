@@ -172,3 +172,16 @@ def shoot(trunk, activation, head, load, guess, rtol=1e-12):
     found = root(tip_moment, guess, method="hybr", options={"xtol": 1e-13})
     assert np.linalg.norm(found.fun) < 1e-9 * np.linalg.norm(found.x)
     return found.x
+
+
+# DESIGN section 2: computed by two independent codes, printed to six decimals.
+UNIT_RESPONSES = {
+    "R1-dl": (0.126081, 2.487782, -2.124715, 0),
+    "R1-ovo": (0.032572, 0.679031, 0.679039, -0.981985),
+    "R1-ivo": (0.031759, 0.511982, 0.599473, 0.808201),
+    "R1-dr": (-0.037277, -0.496254, 0.496252, 0),
+    "R1-vr": (-0.031888, -0.362551, -0.362555, 0),
+    "R2-dl": (0.087489, 1.968056, -1.136252, 0),
+    "R2-ivo": (0.116442, 1.932661, 1.115835, 2.181250),
+    "R3-ovo": (0.031108, 0.513011, 0.767785, -0.934996),
+}

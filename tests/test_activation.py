@@ -37,22 +37,9 @@ def test_the_left_side_mirrors_the_right(trunk):
     np.testing.assert_allclose(left, mirror * right, rtol=0, atol=1e-14)
 
 
-# DESIGN section 2: computed by two independent codes, printed to six decimals.
-UNIT_RESPONSES = {
-    "R1-dl": (0.126081, 2.487782, -2.124715, 0),
-    "R1-ovo": (0.032572, 0.679031, 0.679039, -0.981985),
-    "R1-ivo": (0.031759, 0.511982, 0.599473, 0.808201),
-    "R1-dr": (-0.037277, -0.496254, 0.496252, 0),
-    "R1-vr": (-0.031888, -0.362551, -0.362555, 0),
-    "R2-dl": (0.087489, 1.968056, -1.136252, 0),
-    "R2-ivo": (0.116442, 1.932661, 1.115835, 2.181250),
-    "R3-ovo": (0.031108, 0.513011, 0.767785, -0.934996),
-}
-
-
-@pytest.mark.parametrize("name", UNIT_RESPONSES)
+@pytest.mark.parametrize("name", reference.UNIT_RESPONSES)
 def test_unit_responses_of_the_design_notes(trunk, name):
-    zeta, u1, u2, u3 = UNIT_RESPONSES[name]
+    zeta, u1, u2, u3 = reference.UNIT_RESPONSES[name]
     column = strain_matrix(trunk)[int(name[1]) - 1, :, trunk.muscles.index(name)]
     assert column * [1, 1.75, 1.75, 1.75] == pytest.approx((zeta, u1, u2, u3), abs=5.1e-7)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from reference import UNIT_RESPONSES
 
 from trunk_ocp.anatomy import load_anatomy
 from trunk_ocp.cli import main
@@ -39,18 +40,6 @@ TABLE_3 = [
     },
 ]
 
-# DESIGN 2, response to gamma = +1 on the right side: (zeta, u1 L, u2 L, u3 L) at Z = 0 scale.
-RESPONSES = {
-    "R1-dl": (0.126081, 2.487782, -2.124715, 0),
-    "R1-ovo": (0.032572, 0.679031, 0.679039, -0.981985),
-    "R1-ivo": (0.031759, 0.511982, 0.599473, 0.808201),
-    "R1-dr": (-0.037277, -0.496254, 0.496252, 0),
-    "R1-vr": (-0.031888, -0.362551, -0.362555, 0),
-    "R2-dl": (0.087489, 1.968056, -1.136252, 0),
-    "R2-ivo": (0.116442, 1.932661, 1.115835, 2.181250),
-    "R3-ovo": (0.031108, 0.513011, 0.767785, -0.934996),
-}
-
 
 def test_every_sign_of_table_2(trunk):
     assert signs(trunk) == TABLE_2
@@ -69,7 +58,7 @@ def test_every_order_of_table_3(trunk, segment):
 def test_effects_are_those_of_the_independent_codes(trunk):
     """A contraction has the opposite effect of gamma = +1; printed with six decimals."""
     response = dict(zip(trunk.muscles, effects(trunk) * [1, 1.75, 1.75, 1.75], strict=True))
-    for muscle, expected in RESPONSES.items():
+    for muscle, expected in UNIT_RESPONSES.items():
         np.testing.assert_allclose(-response[muscle], expected, rtol=0, atol=6e-7)
 
 
