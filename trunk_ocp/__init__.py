@@ -14,6 +14,7 @@ from .problem_file import problem_schema
 from .replanning import Replanner
 from .reporting import Progress, Reporter
 from .sensitivity import tip_jacobian
+from .shape_map import PointShapes, ShapeMap
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
 from .storage import load_plan, save_plan
@@ -25,10 +26,12 @@ __all__ = [
     "Motion",
     "Options",
     "Plan",
+    "PointShapes",
     "Progress",
     "Replanner",
     "Reporter",
     "Shape",
+    "ShapeMap",
     "SolverMissingError",
     "StaticsError",
     "Status",

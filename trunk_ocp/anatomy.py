@@ -168,6 +168,10 @@ class Trunk:
     edges: tuple[float, ...]
     subdomains: tuple[Muscle, ...]
 
+    def __hash__(self) -> int:
+        # A few fields: a trunk's constants are cached by it, and looked up in every call.
+        return hash((self.name, self.length, self.edges))
+
     def __repr__(self) -> str:
         return f"<Trunk {self.name}: {self.segments} segments, {len(self.subdomains)} muscles>"
 

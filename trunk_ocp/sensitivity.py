@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from .activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
+from .anatomy import Head
 from .collocation import gauss
 from .head import base_pose
 from .loads import Loads
@@ -62,7 +63,7 @@ def tip_jacobian(
 
     # Chain the elements; m(0) is what keeps m(L) at zero.
     at_end = element.value(1.0)
-    r0_slope, q0_slope = _base_slopes(shape, head)
+    r0_slope, q0_slope = base_slopes(trunk.head, np.asarray(head, dtype=float))
     columns = forced.shape[-1]
     edge = np.zeros((E + 1, STATES, 3 + columns))
     edge[0, 4:, :3] = np.eye(3)
@@ -80,7 +81,7 @@ def tip_jacobian(
     weights = h[:, None] * element.integral(1.0)
     position = np.einsum("ed,edci->ci", weights, slopes)
     position[:, -2:] += r0_slope
-    tangent = _tangent_slope(shape.state(np.array([trunk.length]))[0, :4]) @ by_unknown[-1, :4]
+    tangent = tangent_slope(shape.state(np.array([trunk.length]))[0, :4]) @ by_unknown[-1, :4]
     return position, tangent
 
 
@@ -117,17 +118,20 @@ def _strain_slopes(shape: Shape) -> np.ndarray:
     return slopes
 
 
-def _base_slopes(
-    shape: Shape, head: np.ndarray | tuple[float, float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of r_0 (3, 2) and q_0 (4, 2) by the head angles, by complex step: exact."""
+def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of r_0 (..., 3, 2) and q_0 (..., 4, 2) by head angles (..., 2): exact.
+
+    By complex step, as the pose is analytic in the angles.
+    """
     step = 1e-30
-    angles = np.asarray(head, dtype=float)[:, None] + 1j * step * np.eye(2)
-    r, q = base_pose(shape.trunk.head, angles[0], angles[1])
-    return np.imag(np.stack(r)) / step, np.imag(np.stack(q)) / step
+    varied = angles[..., None] + 1j * step * np.eye(2)
+    r, q = base_pose(head, varied[..., 0, :], varied[..., 1, :])
+    return np.imag(np.stack(r, axis=-2)) / step, np.imag(np.stack(q, axis=-2)) / step
 
 
-def _tangent_slope(q: np.ndarray) -> np.ndarray:
-    """Derivative (3, 4) of d_3 by a unit quaternion."""
+def tangent_slope(q: np.ndarray) -> np.ndarray:
+    """Derivative (..., 3, 4) of d_3 by a unit quaternion (..., 4)."""
     step = 1e-30
-    return np.imag(np.stack(directors(q[:, None] + 1j * step * np.eye(4))[2])) / step
+    varied = q[..., None] + 1j * step * np.eye(4)
+    d3 = directors(tuple(np.moveaxis(varied, -2, 0)))[2]
+    return np.imag(np.stack(d3, axis=-2)) / step

@@ -125,21 +125,12 @@ def solve_statics(
         If no equilibrium is found, or none that the finest default mesh resolves; names the
         load fraction reached.
     """
-    activation = check_activation(trunk, activation)
-    head = np.asarray(head, dtype=float)
-    if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
-        raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
+    activation, head = check_controls(trunk, activation, head)
     every = [loads or Loads()] if isinstance(loads, Loads | None) else list(loads)
     batch = _batch(activation.shape[:-1], head.shape[:-1], len(every))
     contacts = {load.contact_from for load in every}
     if mesh is None and len(contacts) > 1:
         raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
-    zeta = strains(trunk, activation)[..., 0]
-    if np.any(zeta <= 0):
-        raise InputError(
-            f"activation: contracts a segment to {zeta.min():.3g} of its length; "
-            "the extension must stay above 0."
-        )
     activation = np.broadcast_to(activation, (*batch, activation.shape[-1]))
     head = np.broadcast_to(head, (*batch, 2))
     if mesh is not None:
@@ -156,6 +147,29 @@ def solve_statics(
         "finer mesh.",
         1.0,
     )
+
+
+def check_controls(
+    trunk: Trunk, activation: np.ndarray, head: np.ndarray | tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Activations (..., muscles) and head angles (..., 2) as float arrays.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, values that are not finite, or an activation that collapses a segment.
+    """
+    activation = check_activation(trunk, activation)
+    head = np.asarray(head, dtype=float)
+    if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
+        raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
+    zeta = strains(trunk, activation)[..., 0]
+    if np.any(zeta <= 0):
+        raise InputError(
+            f"activation: contracts a segment to {zeta.min():.3g} of its length; "
+            "the extension must stay above 0."
+        )
+    return activation, head
 
 
 def _solve_on(

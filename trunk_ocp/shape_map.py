@@ -1,0 +1,398 @@
+"""Loaded shapes and their Jacobians in microseconds, for controllers and large samples.
+
+The same rod as in `statics` and `sensitivity`, by the compiled method of `shooting`. Needs
+numba: `pip install trunk_ocp[fast]`.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+
+import numpy as np
+
+from .activation import (
+    mean_extension,
+    segment_at,
+    segment_fractions,
+    stiffness,
+    strain_matrix,
+    strains,
+)
+from .anatomy import Trunk
+from .collocation import mesh_for
+from .errors import InputError, StaticsError, TrunkError
+from .head import base_pose
+from .loads import Loads
+from .rod import point_parameters
+from .rotations import directors
+from .sensitivity import base_slopes, tangent_slope
+from .statics import check_controls
+
+DEFECT = 1e-7  # with which a shape counts as resolved; see PointShapes.defect
+HALVINGS = 4  # of the steps, where a shape bends too sharply for them
+
+
+@dataclass(frozen=True, repr=False)
+class PointShapes:
+    """Shapes at a few points, with any leading batch axes (...).
+
+    Z : (n,) in m; the last is the tip.
+    path : (..., n, 10), of each point q (4), m (3) in N m, r (3) in m.
+    """
+
+    Z: np.ndarray
+    path: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"<PointShapes: batch {self.path.shape[:-2]}, {self.Z.size} points>"
+
+    @property
+    def position(self) -> np.ndarray:
+        """Centerline (..., n, 3) in m."""
+        return self.path[..., 7:]
+
+    @property
+    def orientation(self) -> np.ndarray:
+        """Quaternions (..., n, 4) of the director frame, scalar first."""
+        return self.path[..., :4]
+
+    @property
+    def moment(self) -> np.ndarray:
+        """Internal moment (..., n, 3) N m, in the directors."""
+        return self.path[..., 4:7]
+
+    @property
+    def directors(self) -> np.ndarray:
+        """Directors (..., n, 3, 3): row i is d_i in space axes."""
+        rows = directors(tuple(np.moveaxis(self.orientation, -1, 0)))
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+    @property
+    def defect(self) -> np.ndarray:
+        """Largest | |q|^2 - 1 | at the points, (...,): how well the steps resolve the shape.
+
+        The exact rod keeps |q| = 1, so this estimates the error at no cost: on every load
+        tried, positions are off by 0.1 to 7 times as much, in units of L.
+        """
+        return np.asarray(np.abs(np.sum(self.orientation**2, axis=-1) - 1).max(axis=-1))
+
+
+@dataclass(frozen=True)
+class _Controls:
+    """Checked arguments of a batch, with its axes in one: B shapes."""
+
+    batch: tuple[int, ...]
+    activation: np.ndarray  # (B, muscles)
+    head: np.ndarray  # (B, 2)
+    strain: np.ndarray  # (B, segments, 4)
+    mean: np.ndarray  # (B,)
+
+
+class ShapeMap:
+    """Equilibrium shapes of one trunk under one set of loads, for any activations and head.
+
+    Compiled at its first use in a process, which takes some seconds.
+
+    Parameters
+    ----------
+    loads : Loads
+        Default: weight alone.
+    at : (n,)
+        Points Z in m to report besides the steps' own edges.
+    steps : int
+        Integration steps from base to tip. Shapes that they do not resolve
+        (`PointShapes.defect` above 1e-7) are solved again with the steps halved.
+    threads : int
+        Among which a batch is shared. Results do not depend on it.
+
+    Attributes
+    ----------
+    Z : (n,)
+        Where shapes are reported, in m from 0 to L.
+
+    Raises
+    ------
+    TrunkError
+        If numba is not installed.
+    InputError
+        For points outside the trunk.
+    """
+
+    def __init__(
+        self,
+        trunk: Trunk,
+        loads: Loads | None = None,
+        at: Sequence[float] = (),
+        steps: int = 6,
+        threads: int = 1,
+    ) -> None:
+        self.trunk, self.loads, self.threads = trunk, loads or Loads(), threads
+        self._kernels, self._halvings = _kernels(), HALVINGS
+        outside = [Z for Z in at if not 0 <= Z <= trunk.length]
+        if outside:
+            raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {trunk.length:g} m.")
+        edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges
+        self._step_between(np.array(sorted({*edges, *(float(Z) for Z in at)})))
+
+    def _step_between(self, edges: np.ndarray) -> None:
+        """Prepare what does not depend on the activation: steps and their parameters."""
+        self.Z, self._widths = edges, np.diff(edges)
+        stages = edges[:-1, None] + self._widths[:, None] * self._kernels.NODES
+        p = point_parameters(self.trunk, self.loads, stages.ravel())
+        p[5:8] += np.asarray(self.loads.tip_force)[:, None]
+        self._points = np.ascontiguousarray(p.T).reshape(*stages.shape, len(p))
+        if self.loads.contact_from is not None:
+            # A step that ends where contact starts does not feel its couple yet.
+            self._points[stages[:, 0] < self.loads.contact_from, :, 8:] = 0.0
+        self._segment = segment_at(self.trunk, edges[:-1] + self._widths / 2)
+        self._taper = np.asarray(self.trunk.taper(edges))
+        self._floor = 1e-3 * float(stiffness(self.trunk, 0.0)[1]) / self.trunk.length
+
+    @cached_property
+    def _finer(self) -> ShapeMap:
+        """The map of halved steps, and the last one that tries more."""
+        finer = copy.copy(self)
+        finer._halvings = self._halvings - 1
+        middle = self.Z[:-1] + self._widths / 2
+        finer._step_between(np.sort(np.concatenate([self.Z, middle])))
+        return finer
+
+    def __call__(
+        self,
+        activation: np.ndarray,
+        head: np.ndarray | tuple[float, float] = (0.0, 0.0),
+        start: PointShapes | None = None,
+    ) -> PointShapes:
+        """Loaded shapes (eqs. 14, 15), to about 1e-7 of the trunk's length.
+
+        Parameters
+        ----------
+        activation : (..., muscles)
+            Negative values contract.
+        head : (..., 2)
+            psi_Z, psi_Y in radians.
+        start : PointShapes
+            Shapes near the ones asked for, such as a controller's last one: half the time.
+            Default: the unloaded shapes.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or an activation that collapses a segment.
+        StaticsError
+            If no equilibrium is found, or none that the finest steps resolve; names the load
+            fraction reached.
+        """
+        controls = self._controls(activation, head)
+        unloaded = self._unloaded(controls)
+        paths = unloaded.copy()
+        if start is not None:
+            self._check_start(start, controls.batch)
+            known = np.broadcast_to(start.path, (*controls.batch, *unloaded.shape[1:]))
+            paths[:] = known.reshape(unloaded.shape)
+            paths[:, 0, :4], paths[:, 0, 7:] = unloaded[:, 0, :4], unloaded[:, 0, 7:]
+        self._solve(controls, paths, unloaded)
+        return self._shapes(paths, controls.batch)
+
+    def unloaded(
+        self, activation: np.ndarray, head: np.ndarray | tuple[float, float] = (0.0, 0.0)
+    ) -> PointShapes:
+        """Shapes without any load, in closed form; arguments and errors as for loaded ones."""
+        controls = self._controls(activation, head)
+        return self._shapes(self._unloaded(controls), controls.batch)
+
+    def jacobian(
+        self,
+        shapes: PointShapes,
+        activation: np.ndarray,
+        head: np.ndarray | tuple[float, float] = (0.0, 0.0),
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of loaded shapes, through the equilibrium: exact for the steps taken.
+
+        Parameters
+        ----------
+        shapes : PointShapes
+            As this map returned them for the other arguments.
+
+        Returns
+        -------
+        position : (..., n, 3, muscles + 2)
+            Of the centerline at Z, in m per unit of activation, and m per radian of psi_Z, psi_Y
+            in the last two columns.
+        tangent : (..., n, 3, muscles + 2)
+            Of d_3 at Z.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or shapes of other points.
+        """
+        controls = self._controls(activation, head)
+        self._check_start(shapes, controls.batch)
+        paths = np.broadcast_to(shapes.path, (*controls.batch, self.Z.size, 10))
+        slopes = self._slopes(controls, np.ascontiguousarray(paths).reshape(-1, self.Z.size, 10))
+        slopes = slopes.reshape(*controls.batch, *slopes.shape[1:])
+        return slopes[..., :3, :], slopes[..., 3:, :]
+
+    # --- pieces ----------------------------------------------------------------------
+
+    def _controls(
+        self, activation: np.ndarray, head: np.ndarray | tuple[float, float]
+    ) -> _Controls:
+        activation, head = check_controls(self.trunk, activation, head)
+        try:
+            batch = np.broadcast_shapes(activation.shape[:-1], head.shape[:-1])
+        except ValueError:
+            raise InputError(
+                "activation and head: expected leading axes that match, got "
+                f"{activation.shape[:-1]} and {head.shape[:-1]}."
+            ) from None
+        gamma = np.broadcast_to(activation, (*batch, activation.shape[-1]))
+        gamma = gamma.reshape(-1, activation.shape[-1])
+        psi = np.broadcast_to(head, (*batch, 2)).reshape(-1, 2)
+        strain = np.ascontiguousarray(strains(self.trunk, gamma))
+        return _Controls(batch, gamma, psi, strain, mean_extension(self.trunk, strain))
+
+    def _check_start(self, shapes: PointShapes, batch: tuple[int, ...]) -> None:
+        """Raise InputError unless shapes are of this map's points and fit a batch."""
+        given = shapes.path.shape[:-2]
+        try:
+            fits = np.broadcast_shapes(given, batch) == batch
+        except ValueError:
+            fits = False
+        if not fits or not np.array_equal(shapes.Z, self.Z):
+            raise InputError(
+                f"shapes: expected shapes of this map's {self.Z.size} points with leading axes "
+                f"{batch}, got {shapes.Z.size} points with {given}."
+            )
+
+    def _unloaded(self, controls: _Controls) -> np.ndarray:
+        """Unloaded paths (B, n, 10)."""
+        r, q = base_pose(self.trunk.head, controls.head[:, 0], controls.head[:, 1])
+        paths = np.zeros((len(controls.head), self.Z.size, 10))
+        for i, value in enumerate((*q, 0.0, 0.0, 0.0, *r)):
+            paths[:, 0, i] = value
+        k = float(self.trunk.taper_rate)
+
+        def work(some: slice) -> None:
+            self._kernels.unloaded_paths(
+                paths[some], controls.strain[some], self._segment, self.Z, self._taper, k
+            )
+
+        self._share(work, len(paths))
+        return paths
+
+    def _solve(self, controls: _Controls, paths: np.ndarray, unloaded: np.ndarray) -> None:
+        """Loaded paths (B, n, 10), in place of guesses."""
+        reached = np.empty(len(paths))
+
+        def work(some: slice) -> None:
+            self._kernels.loaded_paths(
+                paths[some],
+                unloaded[some],
+                controls.mean[some],
+                self._points,
+                self._widths,
+                controls.strain[some],
+                self._segment,
+                self._floor,
+                reached[some],
+            )
+
+        self._share(work, len(paths))
+        failed = reached < 1
+        bad = np.flatnonzero(failed | ~(PointShapes(self.Z, paths).defect <= DEFECT))
+        if not bad.size:
+            return
+        if self._halvings == 0:
+            which = f"shape {bad[0] + 1} of {len(paths)}: " if len(paths) > 1 else ""
+            share = float(reached[bad[0]])
+            raise StaticsError(
+                f"{which}no equilibrium found beyond {100 * share:.1f} % of the load; the trunk "
+                "may buckle or coil there. Reduce the load or the activation."
+                if failed[bad[0]]
+                else f"{which}the shape bends too sharply for {self._widths.size} steps; reduce "
+                "the load, or take more steps.",
+                share,
+            )
+        paths[bad] = self._finer(controls.activation[bad], controls.head[bad]).path[:, ::2]
+
+    def _slopes(self, controls: _Controls, paths: np.ndarray) -> np.ndarray:
+        """Derivatives (B, n, 6, muscles + 2) of r and d_3."""
+        B, n, S = len(paths), self.Z.size, self.trunk.segments
+        base = np.zeros((B, 2, 10))
+        r0, q0 = base_slopes(self.trunk.head, controls.head)
+        base[:, :, :4], base[:, :, 7:] = q0.swapaxes(-1, -2), r0.swapaxes(-1, -2)
+        T, gap = np.empty((B, 2 + S, n, 4, 10)), np.empty(B)
+
+        def work(some: slice) -> None:
+            self._kernels.tangent_paths(
+                paths[some],
+                controls.mean[some],
+                self._points,
+                self._widths,
+                controls.strain[some],
+                self._segment,
+                base[some],
+                T[some],
+                gap[some],
+            )
+
+        self._share(work, B)
+        columns = T.transpose(0, 2, 4, 1, 3).reshape(B, n, 10, -1)
+        # m(0) is what keeps m(L) at zero.
+        by_moment, others = columns[..., :3], columns[..., 3:]
+        at_tip = np.linalg.solve(by_moment[:, -1, 4:7], others[:, -1, 4:7])
+        total = others - by_moment @ at_tip[:, None]
+        d3 = tangent_slope(paths[..., :4]) @ total[..., :4, :]
+        slopes: np.ndarray = np.concatenate([total[..., 7:, :], d3], axis=-2) @ self._chain
+        bad = np.flatnonzero(gap > 10 * DEFECT)
+        if bad.size and self._halvings:
+            activation, head = controls.activation[bad], controls.head[bad]
+            finer = self._finer(activation, head)
+            slopes[bad] = np.concatenate(self._finer.jacobian(finer, activation, head), -2)[:, ::2]
+        return slopes
+
+    @cached_property
+    def _chain(self) -> np.ndarray:
+        """Derivative of the tangents' parameters by activations and head, (5 + 4 S, muscles + 2).
+
+        In the order of `shooting.tangent_paths`: mean extension, head angles, two zeros, strains.
+        """
+        A = strain_matrix(self.trunk)
+        S, muscles = A.shape[0], A.shape[2]
+        chain = np.zeros((5 + 4 * S, muscles + 2))
+        chain[0, :muscles] = segment_fractions(self.trunk) @ A[:, 0]
+        chain[1:3, muscles:] = np.eye(2)
+        chain[5:, :muscles] = A.reshape(4 * S, muscles)
+        return chain
+
+    def _shapes(self, paths: np.ndarray, batch: tuple[int, ...]) -> PointShapes:
+        return PointShapes(self.Z, paths.reshape(*batch, *paths.shape[1:]))
+
+    def _share(self, work: Callable[[slice], None], count: int) -> None:
+        """Work on every shape of a batch, shared among threads."""
+        parts = min(self.threads, count)
+        if parts <= 1:
+            work(slice(None))
+            return
+        bounds = np.linspace(0, count, parts + 1).astype(int)
+        with ThreadPoolExecutor(parts) as pool:
+            list(pool.map(work, [slice(a, b) for a, b in itertools.pairwise(bounds)]))
+
+
+def _kernels() -> ModuleType:
+    try:
+        from . import shooting
+    except ModuleNotFoundError as error:
+        raise TrunkError(
+            "ShapeMap needs numba, which is not installed: pip install trunk_ocp[fast]. "
+            "solve_statics works without."
+        ) from error
+    return shooting
