@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
 from .separable import Programme, Term
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Some places of a term; its scatter as four equal arrays."""
+
+    function: ca.Function
+    variables: np.ndarray  # (n, N)
+    parameters: np.ndarray  # (k, N)
+    output: np.ndarray
+    place: np.ndarray
+    rows: np.ndarray
+    weights: np.ndarray
 
 
 class Assembly:
@@ -20,7 +36,7 @@ class Assembly:
         self._row_lower: list[np.ndarray] = []
         self._row_upper: list[np.ndarray] = []
         self._linear: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        self._terms: list[tuple[ca.Function, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]] = []
+        self._terms: list[_Places] = []
         self._count = 0
         self._rows = 0
 
@@ -64,43 +80,105 @@ class Assembly:
     ) -> None:
         """Add a term: F[rows] += weights * (output `output` at place `place`), broadcast."""
         scatter = np.broadcast_arrays(output, place, rows, np.asarray(weights, dtype=float))
-        self._terms.append((function, variables, parameters, tuple(a.ravel() for a in scatter)))
+        self._terms.append(
+            _Places(function, variables, parameters, *(array.ravel() for array in scatter))
+        )
 
     def cost(self, function: ca.Function, variables: np.ndarray, parameters: np.ndarray) -> None:
         """Add a scalar function, summed over places, to the objective."""
         if variables.size:
             self.term(function, variables, parameters, 0, np.arange(variables.shape[1]), 0)
 
-    def programme(self) -> Programme:
-        """The programme of everything that was added."""
-        shape = (1 + self._rows, self._count)
-        row, column, value = (np.concatenate(part) for part in zip(*self._linear, strict=True))
-        terms = []
-        for function, variables, parameters, (output, place, rows, weights) in self._terms:
-            outputs = function.size1_out(0)
-            scatter = sp.csr_matrix(
-                (weights, (rows, output + outputs * place)),
-                (shape[0], outputs * variables.shape[1]),
+    def include(
+        self, part: Assembly, bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = ()
+    ) -> tuple[int, int]:
+        """Add variables, rows, linear entries and constraint terms of a part, numbered on.
+
+        bounds : (variables of the part, lower, upper), in place of the part's own bounds.
+
+        Returns
+        -------
+        What the part's variables and its row numbers have grown by.
+        """
+        variables, rows = self._count, self._rows
+        own = part.bounds
+        for places, lower, upper in bounds:
+            own["lbx"][places], own["ubx"][places] = lower, upper
+        self.variables(part._count, lower=own["lbx"], upper=own["ubx"])
+        self.rows(part._rows, lower=own["lbg"], upper=own["ubg"])
+        r, c, v = part._entries
+        self._linear.append((r + rows, c + variables, v))
+        for t in part._terms:
+            self._terms.append(
+                _Places(
+                    t.function,
+                    t.variables + variables,
+                    t.parameters,
+                    t.output,
+                    t.place,
+                    t.rows + rows,
+                    t.weights,
+                )
             )
-            terms.append(Term(function, variables, scatter, parameters))
-        return Programme(sp.csr_matrix((value, (row, column)), shape), tuple(terms))
+        return variables, rows
+
+    @cached_property
+    def _entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All linear entries, once everything is added: rows, columns, values."""
+        rows, columns, values = (np.concatenate(part) for part in zip(*self._linear, strict=True))
+        return rows, columns, values
+
+    @cached_property
+    def _merged(self) -> list[_Places]:
+        """One piece for each function, with all of its places, once everything is added."""
+        merged = []
+        for function in dict.fromkeys(term.function for term in self._terms):
+            pieces = [term for term in self._terms if term.function == function]
+            before = np.cumsum([0, *(piece.variables.shape[1] for piece in pieces)])
+            merged.append(
+                _Places(
+                    function,
+                    np.concatenate([piece.variables for piece in pieces], axis=1),
+                    np.concatenate([piece.parameters for piece in pieces], axis=1),
+                    np.concatenate([piece.output for piece in pieces]),
+                    np.concatenate(
+                        [piece.place + n for piece, n in zip(pieces, before, strict=False)]
+                    ),
+                    np.concatenate([piece.rows for piece in pieces]),
+                    np.concatenate([piece.weights for piece in pieces]),
+                )
+            )
+        return merged
+
+    def programme(self) -> Programme:
+        """The programme of everything that was added, with one term for each function."""
+        rows, columns, values = self._entries
+        size = 1 + self._rows
+        terms = []
+        for t in self._merged:
+            outputs, places = t.function.size1_out(0), t.variables.shape[1]
+            scatter = sp.csr_matrix(
+                (t.weights, (t.rows, t.output + outputs * t.place)), (size, outputs * places)
+            )
+            terms.append(Term(t.function, t.variables, scatter, t.parameters))
+        linear = sp.csr_matrix((values, (rows, columns)), (size, self._count))
+        return Programme(linear, tuple(terms))
 
     def digest(self) -> bytes:
         """Fingerprint of the programme without its parameter values."""
         known = hashlib.blake2b(f"{self._count} {self._rows}".encode())
-        for function, variables, _, scatter in self._terms:
-            known.update(f"{function.__hash__()} {variables.shape}".encode())
-            for array in (variables, *scatter):
+        for t in self._merged:
+            known.update(f"{t.function.__hash__()} {t.variables.shape}".encode())
+            for array in (t.variables, t.output, t.place, t.rows, t.weights):
                 known.update(np.ascontiguousarray(array).tobytes())
-        for entries in self._linear:
-            for array in entries:
-                known.update(array.tobytes())
+        for array in self._entries:
+            known.update(array.tobytes())
         return known.digest()
 
     @property
     def parameters(self) -> np.ndarray:
         """Parameter values of all terms as one vector, as `Programme.parameters` has them."""
-        return np.concatenate([parameters.ravel(order="F") for _, _, parameters, _ in self._terms])
+        return np.concatenate([t.parameters.ravel(order="F") for t in self._merged])
 
     @property
     def bounds(self) -> dict[str, np.ndarray]:

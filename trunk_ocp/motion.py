@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -117,7 +118,7 @@ class Motion:
         steps = (replace(s, targets=tuple(moved(t) for t in s.targets)) for s in self.steps)
         return replace(self, steps=tuple(steps))
 
-    @property
+    @cached_property
     def held(self) -> tuple[Held, ...]:
         """Every direction that some step takes from an earlier one."""
         wanted = {step.pull[1] for step in self.steps if step.pull is not None}

@@ -20,7 +20,7 @@ from .collocation import Mesh, gauss, mesh_for
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
-from .rod import RATES, STATES, point_parameters, rates
+from .rod import STATES, point_parameters, rates
 from .rotations import directors
 from .unloaded import unloaded_states
 
@@ -297,7 +297,8 @@ class _Problem:
         """Newton step for states (B, E, d + 1, 7)."""
         B, E, n, d = (*states.shape[:2], self.mesh.degree * STATES, self.mesh.degree)
         element, h = gauss(d), self.mesh.widths
-        rate, slope = _evaluate(states[..., 1:, :], w, p)
+        rate, slope = _evaluate(_rates_and_slope(), states[..., 1:, :], w, p)
+        slope = slope.reshape(B, E, d, STATES, STATES)
         residual = (
             np.einsum("ij,...jx->...ix", element.derivative, states)
             - h[:, None, None] * (rate[..., :STATES])
@@ -359,7 +360,7 @@ class _Problem:
     def shape(self, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
         """Shape with the centerline integrated from the base."""
         w, p = self.inputs()
-        rate, _ = _evaluate(states[..., 1:, :], w, p)
+        (rate,) = _evaluate(rates(), states[..., 1:, :], w, p)
         slopes = rate[..., STATES:]
         over = gauss(self.mesh.degree).integral(1.0)
         steps = np.einsum("d,bkdc->bkc", over, slopes) * self.mesh.widths[:, None]
@@ -398,14 +399,14 @@ def _rates_and_slope() -> ca.Function:
     return ca.Function("rates_and_slope", [w, p], [value, ca.vec(ca.densify(slope.T))])
 
 
-def _evaluate(states: np.ndarray, w: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rates (B, E, d, 10) and Jacobians (B, E, d, 7, 7) at Gauss-point states (B, E, d, 7)."""
+def _evaluate(
+    function: ca.Function, states: np.ndarray, w: np.ndarray, p: np.ndarray
+) -> list[np.ndarray]:
+    """Outputs (B, E, d, ...) of a function like `rates` at Gauss-point states (B, E, d, 7)."""
     where = states.shape[:3]
-    if not states.size:
-        return np.zeros((*where, RATES)), np.zeros((*where, STATES, STATES))
     columns = np.concatenate([np.moveaxis(states, -1, 0), w]).reshape(15, -1)
-    value, slope = _rates_and_slope()(columns, p.reshape(11, -1))
-    return (
-        np.asarray(value).T.reshape(*where, -1),
-        np.asarray(slope).T.reshape(*where, STATES, STATES),
-    )
+    sizes = [function.size1_out(i) for i in range(function.n_out())]
+    if not states.size:
+        return [np.zeros((*where, size)) for size in sizes]
+    values = function.call([columns, p.reshape(11, -1)])
+    return [np.asarray(value).T.reshape(*where, -1) for value in values]

@@ -1,9 +1,7 @@
 """A window of consecutive time steps as one nonlinear programme.
 
-Unknowns of a step: activations and head angles; the strain numbers they make; the tip force;
-the rod's states at element edges and Gauss points; its centerline at element edges and at
-targets. Direct collocation in Z ties them together; bounds on change and directions held
-from an earlier step tie steps together. Inside, lengths are in units of L and moments of
+Each step has the unknowns and equations of `rod_equations`; bounds on change and directions
+held from an earlier step tie steps together. Inside, lengths are in units of L and moments of
 E I(0) / L; every public face is SI.
 """
 
@@ -16,18 +14,18 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from .activation import segment_at, segment_fractions, strain_matrix, strains
+from .activation import segment_fractions, strains
 from .assembly import Assembly
-from .collocation import Mesh, gauss
+from .collocation import Mesh
 from .loads import Loads
 from .motion import Motion, Step
-from .rod import RATES, STATES, point_parameters
+from .rod import point_parameters
+from .rod_equations import Unknowns, rod_equations
 from .rotations import directors
 from .separable import Programme
 from .statics import Shape
 from .targets import Direction, Held
 from .terms import (
-    base,
     director,
     scaled_rates,
     scaled_vector,
@@ -51,20 +49,6 @@ class Weights:
 
     effort: float = 1e-5
     rate: float = 1e-5
-
-
-@dataclass(frozen=True)
-class _Unknowns:
-    """Indices in x of one step's unknowns."""
-
-    x: np.ndarray  # (muscles + 2,)
-    strain: np.ndarray  # (segments, 4)
-    mean: np.ndarray  # (1,)
-    tip_force: np.ndarray  # (3,)
-    edges: np.ndarray  # (elements + 1, 7)
-    inner: np.ndarray  # (elements, degree, 7)
-    line: np.ndarray  # (elements + 1, 3)
-    points: dict[float, tuple[np.ndarray, np.ndarray]]  # Z: (q (4,), r (3,))
 
 
 class Window:
@@ -96,6 +80,7 @@ class Window:
         self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
         self.force = self.moment / trunk.length
         self._assembly = Assembly()
+        self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
@@ -116,142 +101,35 @@ class Window:
 
     # --- one step --------------------------------------------------------------------
 
-    def _step(self, number: int, step: Step) -> _Unknowns:
+    def _step(self, number: int, step: Step) -> Unknowns:
         """Variables of one step, and the equations of its rod."""
-        add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
-        E, d, S = mesh.elements, mesh.degree, trunk.segments
-        low, high = self.motion.extension
-        strain_low, strain_high = np.full((S, 4), -np.inf), np.full((S, 4), np.inf)
-        strain_low[:, 0], strain_high[:, 0] = low, high
-        tip = np.asarray(step.loads.tip_force) / self.force
-        free = step.pull is not None and not self._is_known(step.pull[1])
-        if step.pull is not None and not free:
-            tip = tip + step.pull[0] / self.force * self.known[step.pull[1]]
-        at_edge = np.full((E + 1, STATES), np.inf)
-        at_edge[-1, 4:] = 0.0  # m(L) = 0
-        unknowns = _Unknowns(
-            x=add.variables(step.box.lower.size, lower=step.box.lower, upper=step.box.upper),
-            strain=add.variables(S, 4, lower=strain_low, upper=strain_high),
-            mean=add.variables(1),
-            tip_force=add.variables(
-                3, lower=-np.inf if free else tip, upper=np.inf if free else tip
-            ),
-            edges=add.variables(E + 1, STATES, lower=-at_edge, upper=at_edge),
-            inner=add.variables(E, d, STATES),
-            line=add.variables(E + 1, 3),
-            points={},
-        )
-        self._strain_rows(unknowns)
-        self._base_rows(unknowns)
+        add, motion = self._assembly, self.motion
         asked = {target.Z for target in step.targets}
-        asked |= {held.Z for held in self.motion.held if held.step == number}
-        inside = self._point_variables(unknowns, asked)
-        self._rod_rows(unknowns, step.loads, inside)
-        return unknowns
-
-    def _strain_rows(self, u: _Unknowns) -> None:
-        """Strain numbers from activations; mean extension from extensions (eqs. 5, 30)."""
-        add, trunk = self._assembly, self.motion.trunk
-        A = strain_matrix(trunk) * np.array([1, *3 * [self.length]])[:, None]
-        rest = np.tile([1.0, 0, 0, 0], (trunk.segments, 1))
-        rows = add.rows(trunk.segments, 4, lower=rest, upper=rest)
-        add.linear(rows, u.strain)
-        add.linear(rows[..., None], u.x[: A.shape[2]], -A)
-        row = add.rows(1)
-        add.linear(row, u.mean)
-        add.linear(row, u.strain[:, 0], -segment_fractions(trunk))
-
-    def _base_rows(self, u: _Unknowns) -> None:
-        """Base position and orientation from the head angles (eqs. 35-39)."""
-        add = self._assembly
-        rows = add.rows(7)
-        add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
-        add.term(
-            base(self.motion.trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0
-        )
-
-    def _point_variables(
-        self, u: _Unknowns, asked: set[float]
-    ) -> list[tuple[int, float, np.ndarray]]:
-        """Orientation and position at every Z that is asked for.
-
-        An element edge has them already; a point inside gets its own by the collocation
-        polynomial. Returns those inside, as (element, tau, rows of r).
-        """
-        add, mesh, inside = self._assembly, self.mesh, []
-        for Z in sorted(asked):
-            element, tau = (value.item() for value in mesh.locate(Z))
-            if tau in (0.0, 1.0):
-                k = element + int(tau)
-                u.points[Z] = (u.edges[k, :4], u.line[k])
-                continue
-            q, r = add.variables(4), add.variables(3)
-            u.points[Z] = (q, r)
-            rows = add.rows(4)
-            values = gauss(mesh.degree).value(tau)
-            states = np.concatenate([u.edges[element, None, :4], u.inner[element, :, :4]])
-            add.linear(rows, q)
-            add.linear(rows, states, -values[:, None])
-            rows = add.rows(3)
-            add.linear(rows, r)
-            add.linear(rows, u.line[element], -1.0)
-            inside.append((element, tau, rows))
-        return inside
-
-    def _rod_rows(
-        self, u: _Unknowns, loads: Loads, inside: list[tuple[int, float, np.ndarray]]
-    ) -> None:
-        """Collocation, continuity and centerline (eq. 14)."""
-        add, trunk, mesh = self._assembly, self.motion.trunk, self.mesh
-        E, d, element = mesh.elements, mesh.degree, gauss(mesh.degree)
-        h = mesh.widths / self.length
-        states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
-        collocation = add.rows(E, d, STATES)
-        add.linear(collocation[:, :, None], states[:, None], element.derivative[None, :, :, None])
-        continuity = add.rows(E, STATES)
-        add.linear(continuity, u.edges[1:])
-        add.linear(continuity[:, None], states, -element.value(1.0)[None, :, None])
-        line = add.rows(E, 3)
-        add.linear(line, u.line[1:])
-        add.linear(line, u.line[:-1], -1.0)
-
-        place = np.arange(E * d).reshape(E, d)
-        of_element = segment_at(trunk, mesh.points[:, 0])
-        every = np.ones((E, d, 1), dtype=int)
-        variables = np.concatenate(
-            [
-                u.inner,
-                u.strain[of_element][:, None, :] * every,
-                u.mean * every,
-                u.tip_force * every,
-            ],
-            axis=-1,
-        )
-        scatter = [
-            (np.arange(STATES), place[:, :, None], collocation, -h[:, None, None]),
-            (
-                np.arange(STATES, RATES),
-                place[:, :, None],
-                line[:, None, :],
-                -(h[:, None] * element.integral(1.0))[:, :, None],
-            ),
+        asked |= {held.Z for held in motion.held if held.step == number}
+        rod = rod_equations(motion.trunk, self.mesh, motion.extension, tuple(sorted(asked)))
+        tip = np.asarray(step.loads.tip_force) / self.force
+        if step.pull is not None and self._is_known(step.pull[1]):
+            tip = tip + step.pull[0] / self.force * self.known[step.pull[1]]
+        free = np.inf if step.pull is not None and not self._is_known(step.pull[1]) else 0.0
+        bounds = [
+            (rod.unknowns.x, step.box.lower, step.box.upper),
+            (rod.unknowns.tip_force, tip - free, tip + free),
         ]
-        for k, tau, rows in inside:
-            weights = -h[k] * element.integral(tau)
-            scatter.append((np.arange(STATES, RATES), place[k][:, None], rows, weights[:, None]))
-        output, where, rows, weights = (
-            np.concatenate([np.broadcast_arrays(*part)[i].ravel() for part in scatter])
-            for i in range(4)
-        )
+        variables, rows = add.include(rod.assembly, bounds)
+        if step.loads not in self._points:
+            self._points[step.loads] = point_parameters(
+                motion.trunk, step.loads, self.mesh.points.ravel()
+            )
         add.term(
             scaled_rates(self.length, self.moment),
-            variables.reshape(E * d, -1).T,
-            point_parameters(trunk, loads, mesh.points.ravel()),
-            output,
-            where,
-            rows,
-            weights,
+            rod.variables + variables,
+            self._points[step.loads],
+            rod.output,
+            rod.place,
+            rod.rows + rows,
+            rod.weights,
         )
+        return rod.unknowns.moved(variables)
 
     # --- between steps ---------------------------------------------------------------
 
@@ -387,15 +265,23 @@ class Window:
         """Activations and head angles of the steps, (H, muscles + 2)."""
         return np.stack([full[u.x] for u in self.unknowns])
 
-    def worst_error(self, full: np.ndarray) -> float:
-        """Largest distance in m between a target position and the trunk."""
-        errors = [
-            np.linalg.norm(full[u.points[target.Z][1]] * self.length - np.asarray(target.position))
+    @cached_property
+    def _tracked(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices (n, 3) of the positions that targets ask for, and where they should be."""
+        pairs = [
+            (u.points[target.Z][1], target.position)
             for step, u in zip(self.steps, self.unknowns, strict=True)
             for target in step.targets
             if target.position is not None and target.position_weight > 0
         ]
-        return float(max(errors, default=0.0))
+        indices, goals = zip(*pairs, strict=True) if pairs else ((), ())
+        return np.array(indices, dtype=int).reshape(-1, 3), np.array(goals).reshape(-1, 3)
+
+    def worst_error(self, full: np.ndarray) -> float:
+        """Largest distance in m between a target position and the trunk."""
+        indices, goals = self._tracked
+        errors = np.linalg.norm(full[indices] * self.length - goals, axis=1)
+        return float(errors.max(initial=0.0))
 
     def reached(self, full: np.ndarray) -> bool:
         """Whether every target of positive weight is reached within the motion's tolerance."""
