@@ -21,6 +21,8 @@ POINTS = {
     "horizon": ("ours, horizon", "tab:red", "*"),
     "expand": ("same horizon, nlpsol, expand on", "tab:green", "^"),
     "plain": ("same horizon, nlpsol, expand off", "tab:olive", "v"),
+    "opti-expand": ("same horizon, Opti by hand, expand on", "tab:purple", ">"),
+    "opti-plain": ("same horizon, Opti by hand, expand off", "tab:pink", "<"),
 }
 
 

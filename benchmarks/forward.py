@@ -2,118 +2,134 @@
 
 from __future__ import annotations
 
-import inspect
-from concurrent.futures import ProcessPoolExecutor
-from functools import cache
 from typing import Any
 
 import numpy as np
 
 import trunk_ocp as to
 from trunk_ocp import statics
-from trunk_ocp.collocation import Mesh
 from trunk_ocp.unloaded import unloaded_states
 
-from .common import Cases, cases, coarsest, error_of_truth, median, run_part, seconds
+from .common import (
+    Cases,
+    cases,
+    coarsest,
+    distance,
+    error_of_truth,
+    fine_mesh,
+    median,
+    run_part,
+    seconds,
+)
 
-ONE, MANY = 1e-6, 1e-5  # error bars of one shape and of a batch, in L
+ONE = 1e-6  # largest error of one shape, in L
 CORES = 2
 
 
-def mesh_figures(mesh: Mesh, error: float) -> dict[str, Any]:
-    return {"elements": mesh.elements, "degree": mesh.degree, "error_in_L": error}
+def error_of_map(which: Cases, shape_map: to.ShapeMap) -> float:
+    """Largest distance at the map's points from shapes on a fine mesh, in L."""
+    shapes = shape_map(which.activation, which.head)
+    fine = which.solve(fine_mesh(which))
+    return distance(shapes.position, fine.position(shape_map.Z)) / which.trunk.length
 
 
 def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
-    """One loaded shape after another, each new; and its Jacobian."""
+    """One loaded shape after another, compiled: cold, from a neighbour, and the Jacobian."""
+    which = cases(shapes)
+    shape_map = to.ShapeMap(which.trunk, which.loads)
+    cold, warm, jacobian = [], [], []
+    for x, psi in zip(which.activation, which.head, strict=True):
+        shape = shape_map(x, psi)
+        shape_map.jacobian(shape, x, psi)  # compiled by now
+        cold.append(median(seconds(lambda x=x, psi=psi: shape_map(x, psi), repeats)))
+        moved = (x - 0.01, psi + 0.01)
+        from_neighbour = lambda moved=moved, shape=shape: shape_map(*moved, start=shape)
+        warm.append(median(seconds(from_neighbour, repeats)))
+        slopes = lambda x=x, psi=psi, shape=shape: shape_map.jacobian(shape, x, psi)
+        jacobian.append(median(seconds(slopes, repeats)))
+    return {
+        "steps": shape_map.Z.size - 1,
+        "error_in_L": error_of_map(which, shape_map),
+        "reference_error_in_L": error_of_truth(which),
+        "cold_seconds": median(cold),
+        "warm_seconds": median(warm),
+        "jacobian_seconds": median(jacobian),
+        "jacobian_over_shape": median(jacobian) / median(cold),
+    }
+
+
+def collocation(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
+    """The same shapes by collocation in NumPy and CasADi, which needs no compiler."""
     which = cases(shapes)
     mesh, error = coarsest(which, ONE)
-    inputs = list(zip(which.activation, which.head, strict=True))
-
-    def cold(i: int) -> to.Shape:
-        return to.solve_statics(which.trunk, *inputs[i], which.loads, mesh)
-
-    solved = [cold(i) for i in range(shapes)]
-    cold_times, jacobian_times = [], []
-    for i in range(shapes):
-        cold_times.append(median(seconds(lambda i=i: cold(i), repeats)))
-        jacobian = lambda i=i: to.tip_jacobian(solved[i], *inputs[i], which.loads)
-        jacobian_times.append(median(seconds(jacobian, repeats)))
-    figures = mesh_figures(mesh, error) | {
-        "reference_error_in_L": error_of_truth(which),
-        "cold_seconds": median(cold_times),
-        "jacobian_seconds": median(jacobian_times),
-        "jacobian_over_shape": median(jacobian_times) / median(cold_times),
-        "warm_seconds": None,
+    cold, jacobian = [], []
+    for x, psi in zip(which.activation, which.head, strict=True):
+        solve = lambda x=x, psi=psi: to.solve_statics(which.trunk, x, psi, which.loads, mesh)
+        shape = solve()
+        cold.append(median(seconds(solve, repeats)))
+        slopes = lambda x=x, psi=psi, shape=shape: to.tip_jacobian(shape, x, psi, which.loads)
+        jacobian.append(median(seconds(slopes, repeats)))
+    return {
+        "elements": mesh.elements,
+        "degree": mesh.degree,
+        "error_in_L": error,
         "newton_tolerance": statics.TOLERANCE,
+        "cold_seconds": median(cold),
+        "jacobian_seconds": median(jacobian),
+        "jacobian_over_shape": median(jacobian) / median(cold),
     }
-    if "start" in inspect.signature(to.solve_statics).parameters:
-        figures["warm_seconds"] = warm(which, mesh, repeats)
-    return figures
 
 
-def warm(which: Cases, mesh: Mesh, repeats: int) -> float:
-    """One loaded shape from a neighbour: every activation and head angle moved by 0.01."""
-    times = []
-    for activation, head in zip(which.activation, which.head, strict=True):
-        near = to.solve_statics(which.trunk, activation, head, which.loads, mesh)
-        moved = (activation - 0.01, head + 0.01)
-        work = lambda near=near, moved=moved: to.solve_statics(
-            which.trunk, *moved, which.loads, mesh, start=near
-        )
-        times.append(median(seconds(work, repeats)))
-    return median(times)
-
-
-@cache
-def prepared(shapes: int) -> tuple[Cases, Mesh, float]:
+def loaded(shapes: int = 20_000, repeats: int = 5) -> dict[str, Any]:
+    """A batch of loaded shapes, by one thread and by as many as cores."""
     which = cases(shapes)
-    mesh, error = coarsest(which.first(100), MANY)
-    return which, mesh, error
 
+    def per_second(threads: int) -> float:
+        shape_map = to.ShapeMap(which.trunk, which.loads, threads=threads)
+        work = lambda: shape_map(which.activation, which.head)
+        work()
+        return shapes / median(seconds(work, repeats))
 
-def loaded_batch(shapes: int) -> None:
-    which, mesh, _ = prepared(shapes)
-    which.solve(mesh)
-
-
-def unloaded_batch(shapes: int) -> None:
-    """Tip poses, in chunks that stay in the processor's cache."""
-    which, _, _ = prepared(1000)
-    tip = np.array([which.trunk.length])
-    for _ in range(shapes // 1000):
-        unloaded_states(which.trunk, which.activation, which.head, tip)
-
-
-BATCHES = {"loaded": loaded_batch, "unloaded": unloaded_batch}
-
-
-def batch(kind: str, shapes: int, repeats: int = 5) -> dict[str, Any]:
-    """A batch in one process, then one in each of as many processes as cores."""
-    which, mesh, error = prepared(1000 if kind == "unloaded" else shapes)
-    work = BATCHES[kind]
-    work(shapes)
-    one = median(seconds(lambda: work(shapes), repeats))
-    with ProcessPoolExecutor(CORES) as pool:
-        every = [shapes] * CORES
-        list(pool.map(work, every))  # start the processes and fill their caches
-        both = median(seconds(lambda: list(pool.map(work, every)), repeats))
-    figures = {
+    return {
         "shapes": shapes,
-        "per_second_one_core": shapes / one,
-        "per_second_two_cores": CORES * shapes / both,
-        "seconds": one,
+        "error_in_L": error_of_map(which.first(500), to.ShapeMap(which.trunk, which.loads)),
+        "per_second_one_core": per_second(1),
+        "per_second_two_cores": per_second(CORES),
     }
-    if kind == "loaded":
-        return figures | mesh_figures(mesh, error)
-    trunk, some = which.trunk, which.first(50)
-    zero = Cases(trunk, some.activation, some.head, to.Loads(gravity=0.0))
-    tip = np.array([trunk.length])
-    closed, _ = unloaded_states(trunk, some.activation, some.head, tip)
-    from_mesh = zero.solve(coarsest(some, 1e-9)[0]).position(tip)
-    error = float(np.linalg.norm(closed - from_mesh, axis=-1).max()) / trunk.length
-    return figures | {"error_in_L": error}
+
+
+def unloaded(shapes: int = 500_000, repeats: int = 5) -> dict[str, Any]:
+    """Tip poses in closed form, in chunks; compiled, and the same in NumPy."""
+    chunk = 20_000
+    which = cases(chunk)
+    tip = np.array([which.trunk.length])
+
+    def per_second(threads: int) -> float:
+        shape_map = to.ShapeMap(which.trunk, steps=1, threads=threads)
+
+        def work() -> None:
+            for _ in range(shapes // chunk):
+                shape_map.unloaded(which.activation, which.head)
+
+        work()
+        return shapes / median(seconds(work, repeats))
+
+    some = which.first(1000)
+    numpy_work = lambda: unloaded_states(some.trunk, some.activation, some.head, tip)
+    compiled = to.ShapeMap(which.trunk, steps=1).unloaded(some.activation, some.head)
+    loadless = Cases(some.trunk, some.activation, some.head, to.Loads(gravity=0.0)).first(50)
+    mesh, _ = coarsest(loadless, 1e-9)
+    error = distance(compiled.position[:50, -1:], loadless.solve(mesh).position(tip))
+    return {
+        "shapes": shapes,
+        "error_in_L": error / which.trunk.length,
+        "difference_of_codes_in_L": distance(compiled.position[:, -1:], numpy_work()[0])
+        / which.trunk.length,
+        "per_second_one_core": per_second(1),
+        "per_second_two_cores": per_second(CORES),
+        "per_second_numpy": 1000 / median(seconds(numpy_work, 50)),
+    }
 
 
 if __name__ == "__main__":
-    run_part({"single": single, "batch": batch})
+    run_part({"single": single, "collocation": collocation, "loaded": loaded, "unloaded": unloaded})

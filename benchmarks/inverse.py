@@ -10,7 +10,7 @@ import numpy as np
 
 import trunk_ocp as to
 from trunk_ocp.planner import Options, Pass, State, first_mesh
-from trunk_ocp.solver import IPOPT, Optimiser
+from trunk_ocp.solver import IPOPT, Optimiser, derivative_seconds
 from trunk_ocp.transcription import Window
 
 from .common import median, run_part
@@ -24,6 +24,7 @@ def figures_of(plan: to.Plan) -> dict[str, Any]:
         "status": plan.status.value,
         "setup_seconds": plan.setup_seconds,
         "solve_seconds": plan.solve_seconds,
+        "derivative_seconds": plan.derivative_seconds,
         "total_seconds": plan.total_seconds,
         "iterations": plan.iterations,
         "objective": plan.objective.total,
@@ -40,8 +41,9 @@ def ours(motion: str, mode: str, repeats: int = 3) -> dict[str, Any]:
     plans = [to.plan_motion(loaded, lookahead) for _ in range(repeats)]
     totals = [plan.total_seconds for plan in plans]
     figures = figures_of(plans[-1])
-    for name in ("setup_seconds", "solve_seconds", "total_seconds"):
+    for name in ("setup_seconds", "solve_seconds", "derivative_seconds", "total_seconds"):
         figures[name] = median(getattr(plan, name) for plan in plans)
+    figures["linear_algebra_seconds"] = figures["solve_seconds"] - figures["derivative_seconds"]
     return figures | {"first_seconds": totals[0], "duration": loaded.steps[-1].time}
 
 
@@ -104,14 +106,18 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
     solver = ca.nlpsol("horizon", "ipopt", window.programme.nlp(), options)
     setup = time.perf_counter() - began
     result = solver(x0=start, p=window.parameters, **window.bounds)
-    stats = solver.stats()
-    derivatives = sum(
-        value
-        for name, value in stats.items()
-        if name.startswith("t_wall_nlp_") and name != "t_wall_nlp_grad"
-    )
-    solve = stats["t_wall_total"]
-    iterations = stats["iter_count"]
+    return solver_figures(solver.stats(), start_seconds, setup) | {
+        "objective": float(result["f"]),
+        "J": paper_objective(loaded, window.unknowns_of(np.asarray(result["x"]).ravel())),
+        "unknowns": window.programme.size[0],
+        "constraints": window.programme.size[1],
+    }
+
+
+def solver_figures(stats: dict[str, Any], start: float, setup: float) -> dict[str, Any]:
+    """Status, iterations and seconds from the statistics of Ipopt in CasADi."""
+    derivatives = derivative_seconds(stats)
+    solve, iterations = stats["t_wall_total"], stats["iter_count"]
     return {
         "status": stats["return_status"],
         "setup_seconds": setup,
@@ -120,18 +126,13 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
         "linear_algebra_seconds": solve - derivatives,
         "iterations": iterations,
         "seconds_per_iteration": solve / max(iterations, 1),
-        "objective": float(result["f"]),
-        "J": paper_objective(loaded, window, np.asarray(result["x"]).ravel()),
-        "start_seconds": start_seconds,
-        "total_seconds": start_seconds + setup + solve,
-        "unknowns": window.programme.size[0],
-        "constraints": window.programme.size[1],
+        "start_seconds": start,
+        "total_seconds": start + setup + solve,
     }
 
 
-def paper_objective(motion: to.Motion, window: Window, full: np.ndarray) -> float | None:
-    """J summed over the steps, of the forward solution for what a solve ended with."""
-    x = window.unknowns_of(full)
+def paper_objective(motion: to.Motion, x: np.ndarray) -> float:
+    """J summed over the steps, of the forward solution for the unknowns (H, muscles + 2)."""
     total, objective = 0.0, Objective(motion)
     for t, values in enumerate(x):
         total += objective.loaded(t, values[None])[0]

@@ -8,6 +8,7 @@ from typing import Any
 MOTIONS = ("lift-log", "lift-log-asymmetric", "pick-fruit")
 METHODS = ("sbplx", "nomad")
 WAYS = ("ours", "expand", "plain")
+OPTI = {"opti-expand": True, "opti-plain": False}  # key: expand
 BUDGETS = (5, 15, 45)  # s, of the paper's method
 STEPS, SEGMENTS = (10, 20, 40, 80), (3, 6, 12, 24)
 
@@ -30,13 +31,9 @@ def jobs(quick: bool) -> list[Job]:
     ipopt = 10.0 if quick else 60.0
     result = [
         Job("single", "forward", "single", {"shapes": 20 if quick else 60}, few),
-        Job("loaded", "forward", "batch", {"kind": "loaded", "shapes": 1000}),
-        Job(
-            "unloaded",
-            "forward",
-            "batch",
-            {"kind": "unloaded", "shapes": 100_000 if quick else 500_000},
-        ),
+        Job("collocation", "forward", "collocation", {"shapes": 20 if quick else 60}, few),
+        Job("loaded", "forward", "loaded", {"shapes": 5000 if quick else 20_000}),
+        Job("unloaded", "forward", "unloaded", {"shapes": 100_000 if quick else 500_000}),
         Job("bvp", "bvp", "stacked", {"shapes": 4 if quick else 12}),
         Job("bvp-whole", "bvp", "whole", {"shapes": 1 if quick else 2}),
         Job("exudyn", "rods", "exudyn", {"shapes": 2 if quick else 8}),
@@ -52,6 +49,9 @@ def jobs(quick: bool) -> list[Job]:
             result.append(
                 Job(f"{way} {motion}", "inverse", "horizon_nlp", arguments, few, 2 * ipopt + 60)
             )
+        for way, expand in OPTI.items():
+            arguments = {"motion": motion, "expand": expand, "budget": ipopt}
+            result.append(Job(f"{way} {motion}", "opti", "horizon", arguments, few, 2 * ipopt + 60))
         for method in METHODS:
             for budget in budgets:
                 arguments = {"motion": motion, "method": method, "budget": budget}

@@ -9,10 +9,7 @@ import numpy as np
 import trunk_ocp as to
 from trunk_ocp.activation import strains
 from trunk_ocp.loads import Loads
-from trunk_ocp.planner import first_mesh
-from trunk_ocp.rotations import directors
 from trunk_ocp.targets import Held
-from trunk_ocp.unloaded import unloaded_states
 
 PENALTY = 1e3
 FAILED = 2e3  # no shape, or none found
@@ -24,8 +21,7 @@ class Objective:
 
     def __init__(self, motion: to.Motion) -> None:
         self.motion, self.trunk = motion, motion.trunk
-        options = to.Options()
-        self.mesh = first_mesh(motion, options)
+        self.maps: dict[tuple[int, Loads], to.ShapeMap] = {}
         self.held: dict[Held, np.ndarray] = {}
         self.evaluations = 0
 
@@ -33,8 +29,10 @@ class Objective:
         """Note the directions that later steps take from step t."""
         for held in self.motion.held:
             if held.step == t:
-                shape = to.solve_statics(self.trunk, x[:-2], x[-2:], self.loads(t), self.mesh)
-                self.held[held] = shape.directors(np.array([held.Z]))[0, held.director]
+                shape_map = to.ShapeMap(self.trunk, self.loads(t), [held.Z])
+                shape = shape_map(x[:-2], x[-2:])
+                (at,) = np.flatnonzero(shape_map.Z == held.Z)
+                self.held[held] = shape.directors[at, held.director]
 
     def loads(self, t: int) -> Loads:
         step = self.motion.steps[t]
@@ -54,25 +52,35 @@ class Objective:
         return J
 
     def _some(self, t: int, x: np.ndarray) -> np.ndarray:
+        shape_map = self.map(t, self.loads(t))
         try:
-            shape = to.solve_statics(self.trunk, x[:, :-2], x[:, -2:], self.loads(t), self.mesh)
+            shapes = shape_map(x[:, :-2], x[:, -2:])
         except to.StaticsError:
             if len(x) == 1:
                 return np.array([FAILED])
             return np.concatenate([self._some(t, x[i : i + 1]) for i in range(len(x))])
-        Z = np.array([target.Z for target in self.motion.steps[t].targets])
-        return self._misses(t, x, shape.position(Z), shape.directors(Z))
+        return self._misses(t, x, shapes)
 
     def unloaded(self, t: int, x: np.ndarray) -> np.ndarray:
         """J_T (n,) of the auxiliary problem, by the closed form."""
-        Z = np.array([target.Z for target in self.motion.steps[t].targets])
-        with np.errstate(all="ignore"):
-            r, q = unloaded_states(self.trunk, x[:, :-2], x[:, -2:], Z)
-            rows = directors(tuple(np.moveaxis(q, -1, 0)))
-            d = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-            return np.nan_to_num(self._misses(t, x, r, d), nan=FAILED)
+        J, zeta = np.full(len(x), FAILED), strains(self.trunk, x[:, :-2])[..., 0].min(axis=-1)
+        usable = np.flatnonzero(zeta > SMALLEST)
+        if usable.size:
+            shapes = self.map(t, self.loads(t)).unloaded(x[usable, :-2], x[usable, -2:])
+            J[usable] = self._misses(t, x[usable], shapes)
+        return J
 
-    def _misses(self, t: int, x: np.ndarray, r: np.ndarray, d: np.ndarray) -> np.ndarray:
+    def map(self, t: int, loads: Loads) -> to.ShapeMap:
+        """The fastest forward solve there is, with a point at every target of step t."""
+        key = (t, loads)
+        if key not in self.maps:
+            points = [target.Z for target in self.motion.steps[t].targets]
+            self.maps = {key: to.ShapeMap(self.trunk, loads, points, steps=4)}
+        return self.maps[key]
+
+    def _misses(self, t: int, x: np.ndarray, shapes: to.PointShapes) -> np.ndarray:
+        at = np.searchsorted(shapes.Z, [target.Z for target in self.motion.steps[t].targets])
+        r, d = shapes.position[:, at], shapes.directors[:, at]
         low, high = self.motion.extension
         zeta = strains(self.trunk, x[:, :-2])[..., 0]
         outside = np.any((zeta < low) | (zeta > high), axis=-1)

@@ -27,7 +27,7 @@ from trunk_ocp.targets import Held
 from trunk_ocp.terms import scaled_rates
 
 from .common import run_part
-from .objective import Objective
+from .inverse import paper_objective, solver_figures
 
 Points = dict[float, tuple[ca.MX, ca.MX]]  # Z: q (4) and r (3)
 
@@ -187,29 +187,11 @@ def horizon(motion: str, expand: bool, budget: float = 60.0) -> dict[str, Any]:
     opti.solve_limited()
     taken = time.perf_counter() - began
     stats = opti.stats()
-    solve, iterations = stats["t_wall_total"], stats["iter_count"]
-    derivatives = sum(
-        value
-        for name, value in stats.items()
-        if name.startswith("t_wall_nlp_") and name != "t_wall_nlp_grad"
-    )
-    J, objective = 0.0, Objective(loaded)
-    for t, x in enumerate(problem.x):
-        values = opti.debug.value(x)
-        J += float(objective.loaded(t, values[None])[0])
-        objective.decide(t, values)
-    return {
-        "status": stats["return_status"],
-        "setup_seconds": taken - solve,  # Opti makes its solver in `solve`
-        "solve_seconds": solve,
-        "derivative_seconds": derivatives,
-        "linear_algebra_seconds": solve - derivatives,
-        "iterations": iterations,
-        "seconds_per_iteration": solve / max(iterations, 1),
+    setup = taken - stats["t_wall_total"]  # Opti makes its solver in `solve`
+    x = np.stack([opti.debug.value(x) for x in problem.x])
+    return solver_figures(stats, start_seconds, setup) | {
         "objective": float(opti.debug.value(opti.f)),
-        "J": J,
-        "start_seconds": start_seconds,
-        "total_seconds": start_seconds + taken,
+        "J": paper_objective(loaded, x),
         "unknowns": opti.nx,
         "constraints": opti.ng - sum(stats["detect_simple_bounds_is_simple"]),
     }

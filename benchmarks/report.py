@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .bars import bars
-from .jobs import BUDGETS, METHODS, MOTIONS, SEGMENTS, STEPS, WAYS
+from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS
 
 Parts = dict[str, dict[str, Any]]
 
@@ -66,19 +66,24 @@ def bars_met(parts: Parts) -> list[str]:
 
 
 def forward(parts: Parts) -> list[str]:
-    one, bvp, exu, ela = (parts.get(k, {}) for k in ("single", "bvp", "exudyn", "elastica"))
-    mesh = f"{one.get('elements')} elements of degree {one.get('degree')}"
+    one, slow, bvp, exu, ela = (
+        parts.get(k, {}) for k in ("single", "collocation", "bvp", "exudyn", "elastica")
+    )
+    mesh = f"{slow.get('elements')} elements of degree {slow.get('degree')}"
     same = "the paper's Kirchhoff rod"
     shears = "shears: another theory, so this is a difference, not an error"
     head = ["code", "theory", "seconds", "error or difference / L", "remarks"]
     rows = [
-        ["ours, cold", same, one.get("cold_seconds"), one.get("error_in_L"),
-         f"{mesh}, last Newton step below {text(one.get('newton_tolerance'))}"],
-        ["ours, warm", same, one.get("warm_seconds"), one.get("error_in_L"),
-         "start moved by 0.01 in every activation and angle"
-         if one.get("warm_seconds") else "`solve_statics` takes no start"],
-        ["ours, Jacobian of the tip", same, one.get("jacobian_seconds"), None,
-         "30 columns, position and tangent, exact, after the shape"],
+        ["ours, `ShapeMap`, cold", same, one.get("cold_seconds"), one.get("error_in_L"),
+         failure(one) or f"{one.get('steps')} steps of order 8"],
+        ["ours, `ShapeMap`, warm", same, one.get("warm_seconds"), one.get("error_in_L"),
+         failure(one) or "from the shape for 0.01 more in every activation and angle"],
+        ["ours, `ShapeMap.jacobian`", same, one.get("jacobian_seconds"), None,
+         failure(one) or "30 columns, position and tangent at every step, after the shape"],
+        ["ours, `solve_statics`, cold", same, slow.get("cold_seconds"), slow.get("error_in_L"),
+         failure(slow) or f"{mesh}, last Newton step below {text(slow.get('newton_tolerance'))}"],
+        ["ours, `tip_jacobian`", same, slow.get("jacobian_seconds"), None,
+         failure(slow) or "30 columns, position and tangent of the tip, after the shape"],
         ["scipy `solve_bvp`, segments stacked, our exact Jacobian", same,
          bvp.get("seconds_exact_jacobian"), bvp.get("error_in_L"),
          failure(bvp) or f"tol {text(bvp.get('tolerance'))}, the loosest with an error as "
@@ -106,12 +111,18 @@ def forward(parts: Parts) -> list[str]:
     ]
     head = ["batch", "shapes", "per second, one core", "two cores", "error / L", "peak MB"]
     rows = [
-        [kind, p.get("shapes"), p.get("per_second_one_core"), p.get("per_second_two_cores"),
-         p.get("error_in_L"), p.get("peak_memory_mb")]
+        [kind, p.get("shapes"), whole_number(p.get("per_second_one_core")),
+         whole_number(p.get("per_second_two_cores")), p.get("error_in_L"), p.get("peak_memory_mb")]
         for kind in ("loaded", "unloaded")
         for p in [parts.get(kind, {})]
     ]  # fmt: skip
-    return [*lines, *table(head, rows)]
+    closed = whole_number(parts.get("unloaded", {}).get("per_second_numpy"))
+    note = f"Unloaded tips without numba (`unloaded_states`): {closed} per second, one core."
+    return [*lines, *table(head, rows), note, ""]
+
+
+def whole_number(value: float | None) -> str:
+    return "-" if value is None else f"{value:,.0f}"
 
 
 def whole(parts: Parts) -> str:
@@ -132,7 +143,7 @@ def inverse(parts: Parts) -> list[str]:
     rows: list[list[Any]] = []
     for motion in MOTIONS:
         names = {f"{mode} {motion}": f"ours, {mode}" for mode in ("sequential", "horizon")}
-        names |= {f"{way} {motion}": NLP[way] for way in WAYS}
+        names |= {f"{way} {motion}": NLP[way] for way in (*WAYS, *OPTI)}
         names |= {
             f"{method} {motion} {budget} s": f"{PAPER[method]}, {budget} s"
             for method in METHODS
@@ -151,8 +162,9 @@ def inverse(parts: Parts) -> list[str]:
         "J is the paper's, un-squared, summed over the steps, and never what we minimise; "
         "`objective` is what all horizons minimise. Seconds include every start a method needs: "
         "the horizon's is the sequential plan. The programmes given to `nlpsol` are our horizon, "
-        "start and Ipopt options included, with or without our derivatives; their graph is still "
-        "ours, of mapped functions, not one written out by hand. CPU seconds are of the whole "
+        "start and Ipopt options included, with or without our derivatives; their graph is ours, "
+        "of mapped functions. With Opti the same horizon is written out by hand, in loops over "
+        "steps, elements and Gauss points, from the same start. CPU seconds are of the whole "
         "process, repeats included. The paper's method and our sequential mode keep appendix B's "
         "sets step by step, a horizon bounds changes between steps instead. The paper's method "
         "has a budget of seconds, in equal parts for each step, a quarter of it for auxiliary "
@@ -183,6 +195,8 @@ NLP = {
     "ours": "the horizon's one programme, our derivatives",
     "expand": "the same, `nlpsol`, expand on",
     "plain": "the same, `nlpsol`, expand off",
+    "opti-expand": "CasADi Opti, written out by hand, expand on",
+    "opti-plain": "CasADi Opti, written out by hand, expand off",
 }
 PAPER = {"sbplx": "paper's: Sbplx step by step", "nomad": "paper's: NOMAD step by step"}
 COLUMNS = ("J", "objective", "total_seconds", "setup_seconds", "derivative_seconds",

@@ -142,6 +142,8 @@ def plan_motion(
         iterations=optimiser.iterations + (given.iterations if given else 0),
         setup_seconds=optimiser.setup_seconds + (given.setup_seconds if given else 0),
         solve_seconds=optimiser.solve_seconds + (given.solve_seconds if given else 0),
+        derivative_seconds=optimiser.derivative_seconds
+        + (given.derivative_seconds if given else 0),
         total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
     )
 

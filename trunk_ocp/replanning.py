@@ -58,7 +58,7 @@ class Replanner:
             If the motion has another structure; plan it anew with `plan_motion`.
         """
         began = time.perf_counter()
-        before = self._optimiser.solve_seconds
+        solve, derivatives = self._optimiser.solve_seconds, self._optimiser.derivative_seconds
         window, planner = self._window(motion)
         if window.structure != self._structure:
             raise InputError(
@@ -74,7 +74,8 @@ class Replanner:
         return replace(
             planner.plan(state),
             iterations=outcome.iterations,
-            solve_seconds=self._optimiser.solve_seconds - before,
+            solve_seconds=self._optimiser.solve_seconds - solve,
+            derivative_seconds=self._optimiser.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
         )
 

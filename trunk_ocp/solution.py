@@ -86,6 +86,8 @@ class Plan:
     near : dict
         Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
         here, rather than near the step before (sequential plans, appendix B).
+    derivative_seconds : float
+        Of `solve_seconds`, those in the objective, the constraints and their derivatives.
     """
 
     motion: Motion
@@ -101,6 +103,7 @@ class Plan:
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
+    derivative_seconds: float = 0.0
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
 

@@ -82,6 +82,7 @@ class Optimiser:
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
+    derivative_seconds: float = 0.0  # of the solves: objective, constraints and derivatives
     _ready: dict[Hashable, tuple[ca.Function, _Watch]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -103,6 +104,7 @@ class Optimiser:
         stats = solver.stats()
         self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
+        self.derivative_seconds += derivative_seconds(stats)
         full, g = np.asarray(result["x"]).ravel(), np.asarray(result["g"]).ravel()
         return Outcome(
             full,
@@ -135,6 +137,7 @@ class Optimiser:
                 "ipopt.max_iter": self.max_iterations,
                 "iteration_callback": watch,
                 "print_time": False,
+                "record_time": True,
                 "error_on_fail": False,
                 **window.programme.derivatives(),
             }
@@ -142,6 +145,12 @@ class Optimiser:
             self._ready[key] = (solver, watch)
             self.setup_seconds += time.perf_counter() - began
         return self._ready[key]
+
+
+def derivative_seconds(stats: dict[str, Any]) -> float:
+    """Seconds of a solve in objective, constraints and their derivatives."""
+    functions = ("nlp_f", "nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
+    return float(sum(stats[f"t_wall_{name}"] for name in functions))
 
 
 class _Watch(ca.Callback):

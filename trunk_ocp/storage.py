@@ -88,6 +88,7 @@ def _restore(data: xr.Dataset) -> Plan:
         iterations=int(attributes["iterations"]),
         setup_seconds=float(attributes["seconds_setup"]),
         solve_seconds=float(attributes["seconds_solve"]),
+        derivative_seconds=float(attributes["seconds_derivatives"]),
         total_seconds=float(attributes["seconds_total"]),
         notes=tuple(json.loads(attributes["notes_json"])),
     )
@@ -109,6 +110,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "seconds": {
             "setup": round(plan.setup_seconds, 4),
             "solve": round(plan.solve_seconds, 4),
+            "of it derivatives": round(plan.derivative_seconds, 4),
             "total": round(plan.total_seconds, 4),
         },
         "objective": plan.objective.paper,
@@ -249,6 +251,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "iterations": plan.iterations,
         "seconds_setup": plan.setup_seconds,
         "seconds_solve": plan.solve_seconds,
+        "seconds_derivatives": plan.derivative_seconds,
         "seconds_total": plan.total_seconds,
         "source": f"trunk_ocp {version('trunk_ocp')}",
     }
