@@ -263,10 +263,16 @@ def _slope(
         n = np.einsum("hij,hj->hi", d, force)
         zeta = zeta_hat * (1 + n[:, 2:] * mean / K[0])
         u = c / trunk.taper(Z) + m * mean**2 / K[1:]
-        dm = zeta_hat * np.cross(m, u) - np.einsum("hij,hj->hi", d, couple)
+        dm = zeta_hat * _cross(m, u) - np.einsum("hij,hj->hi", d, couple)
         dm[:, :2] += zeta * np.stack([n[:, 1], -n[:, 0]], axis=1)
         darboux = np.einsum("hi,hij->hj", zeta_hat * u, d)
-        dd = np.cross(darboux[:, None], d)
+        dd = _cross(darboux[:, None], d)
         return np.concatenate([zeta * d[:, 2], dd.reshape(H, 9), dm], axis=1).ravel()
 
     return slope
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product along the last axis; np.cross takes longer than all else of the slope."""
+    ahead, back = [1, 2, 0], [2, 0, 1]
+    return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
