@@ -54,8 +54,10 @@ def python_source(function: ca.Function, name: str) -> str:
     Raises
     ------
     TrunkError
-        If the function uses an operation that is not translated.
+        If the function is not of SX, or uses an operation that is not translated.
     """
+    if not function.is_a("SXFunction"):
+        raise TrunkError(f"{function.name()}: expected a function of scalar operations (SX).")
     arguments = [f"i{k}" for k in range(function.n_in())]
     arguments += [f"o{k}" for k in range(function.n_out())]
     lines = [f"def {name}({', '.join(arguments)}):"]
@@ -76,7 +78,7 @@ def python_source(function: ca.Function, name: str) -> str:
     return "\n".join(lines)
 
 
-# NaN and infinity keep their meaning, which tells a Newton iteration that has gone astray.
+# NaN and infinity keep their meaning, which tell a Newton iteration that has gone astray.
 _compile: Any = numba.njit(
     error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz", "arcp"}
 )
@@ -155,6 +157,8 @@ def _newton(path, fraction, w, points, h, strain, segment, floor):
         volume = _triple(m1, m2, m3)
         alpha, beta, gamma = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
         alpha, beta, gamma = alpha / volume, beta / volume, gamma / volume
+        if not abs(alpha) + abs(beta) + abs(gamma) < np.inf:
+            return False  # max() below passes NaN over
         turn, moment, largest = 0.0, 0.0, floor
         for e in range(n + 1):
             for i in range(PATH):
@@ -189,7 +193,7 @@ def _unloaded(path, strain, segment, edges, taper, k):
     for e in range(edges.size - 1):
         zeta, c1, c2, c3 = strain[segment[e]]
         width, f = edges[e + 1] - edges[e], taper[e]
-        length = math.log(f / taper[e + 1]) / k if k > 0.0 else width
+        length = -math.log1p(-k * width / f) / k if k > 0.0 else width
         bend = math.sqrt(c1 * c1 + c2 * c2 + c3 * c3)
         scale = 1.0 / bend if bend > 0.0 else 0.0
         a1, a2, a3 = scale * c1, scale * c2, scale * c3
