@@ -280,12 +280,14 @@ def test_stopping_in_the_horizon_keeps_the_best_whole_motion():
 def test_stopping_before_the_horizon_gives_the_plan_it_would_start_from():
     motion = first_steps("lift-log", 3)
     whole = plan_motion(motion, lookahead=1)
-    solves = Recorder()
-    plan_motion(motion, lookahead=1, reporter=solves)
-    plan = plan_motion(motion, reporter=Recorder(stop_at=len(solves.seen)))
+    all_along = Recorder()
+    plan_motion(motion, reporter=all_along)
+    sequential = sum(p.stage == "sequential" for p in all_along.seen)
+    plan = plan_motion(motion, reporter=Recorder(stop_at=sequential))
     assert plan.status is Status.INTERRUPTED
     assert plan.notes
-    assert np.abs(plan.x[:2] - whole.x[:2]).max() <= 1e-12
+    # As a start the sequential plan is solved less sharply.
+    assert np.abs(plan.shape.position([1.75]) - whole.shape.position([1.75])).max() <= 1e-3
 
 
 def test_planning_twice_gives_the_same_plan():

@@ -19,12 +19,12 @@ import numpy as np
 from .activation import strains
 from .collocation import Mesh, mesh_for
 from .errors import InputError, StaticsError
-from .loads import Loads
+from .loads import Loads, vector
 from .motion import Box, Motion, Step, allowed
 from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
-from .solver import CONVERGED, Optimiser, Outcome
+from .solver import CONVERGED, ROUGH, Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Weights, Window
@@ -121,10 +121,11 @@ def plan_motion(
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
+    rough = Optimiser(options.linear_solver, options.max_iterations, reporter, ROUGH)
     mesh = first_mesh(motion, options)
     given = start  # its own cost counts as well
     if mode != "sequential" and start is None:
-        start = Pass(motion, mesh, "sequential", 1, options, optimiser).run()
+        start = Pass(motion, mesh, "sequential", 1, options, rough).run()
     if reporter.stop and start is not None:
         note = "interrupted before the horizon's own solve; this is the plan it starts from"
         plan = replace(start, mode=mode, lookahead=lookahead, interrupted=True, notes=(note,))
@@ -137,13 +138,13 @@ def plan_motion(
             reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
             again = plan if mode != "sequential" else None
             plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again).run()
+    parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
     return replace(
         plan,
-        iterations=optimiser.iterations + (given.iterations if given else 0),
-        setup_seconds=optimiser.setup_seconds + (given.setup_seconds if given else 0),
-        solve_seconds=optimiser.solve_seconds + (given.solve_seconds if given else 0),
-        derivative_seconds=optimiser.derivative_seconds
-        + (given.derivative_seconds if given else 0),
+        iterations=sum(part.iterations for part in parts),
+        setup_seconds=sum(part.setup_seconds for part in parts),
+        solve_seconds=sum(part.solve_seconds for part in parts),
+        derivative_seconds=sum(part.derivative_seconds for part in parts),
         total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
     )
 
@@ -221,18 +222,12 @@ class Pass:
         x = np.clip(x, [box.lower for box in boxes], [box.upper for box in boxes])
         if np.any(strains(self.motion.trunk, x[:, :-2])[..., 0] <= 0):
             x = np.zeros_like(x)  # no shape has such activations; let Ipopt find its way
-        loads = [step.loads for step in window.steps]
         try:
-            shapes = self._shapes(x, loads)
-            pulls = window.pulls(shapes)
-            if np.any(pulls):
-                loads = [
-                    replace(load, tip_force=tuple(np.add(load.tip_force, pull)))
-                    for load, pull in zip(loads, pulls, strict=True)
-                ]
-                shapes = self._shapes(x, loads)
+            shapes = self._shapes(x, _pulled(window, None))
+            if window.held:
+                shapes = self._shapes(x, _pulled(window, shapes))
         except StaticsError:  # a start need not be in equilibrium
-            shapes = self._shapes(x, [load.scaled(0.0) for load in loads])
+            shapes = self._shapes(x, [step.loads.scaled(0.0) for step in window.steps])
         return window.pack(x, shapes)
 
     def _shapes(self, x: np.ndarray, loads: list[Loads]) -> Shape:
@@ -350,6 +345,14 @@ class Pass:
             converged=state.converged,
             interrupted=self.stopped,
         )
+
+
+def _pulled(window: Window, shapes: Shape | None) -> list[Loads]:
+    """Loads of a window's steps, pulls included; see `Window.pulls`."""
+    return [
+        replace(step.loads, tip_force=vector(np.add(step.loads.tip_force, pull)))
+        for step, pull in zip(window.steps, window.pulls(shapes), strict=True)
+    ]
 
 
 def _anything(size: int) -> Box:

@@ -10,7 +10,7 @@ from .motion import Motion
 from .planner import Options, Pass, State
 from .reporting import Reporter
 from .solution import Plan
-from .solver import Optimiser
+from .solver import WARM, Optimiser
 from .transcription import Window
 
 
@@ -42,7 +42,7 @@ class Replanner:
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimiser = Optimiser(
-            options.linear_solver, options.max_iterations, reporter or Reporter(), warm=True
+            options.linear_solver, options.max_iterations, reporter or Reporter(), WARM
         )
         window, _ = self._window(plan.motion)
         self._structure = window.structure

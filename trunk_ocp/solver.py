@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import time
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -40,6 +40,8 @@ WARM: dict[str, Any] = IPOPT | {
     "warm_start_slack_bound_frac": 1e-9,
     "warm_start_mult_bound_push": 1e-9,
 }
+# A plan that another solve only starts from; feasible all the same, to be worth comparing.
+ROUGH: dict[str, Any] = IPOPT | {"tol": 1e-5, "constr_viol_tol": 1e-7}
 CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
 KEPT = "Start_Kept"
@@ -72,13 +74,13 @@ class Outcome:
 class Optimiser:
     """Solves windows; keeps the solver of each structure, so that a later one starts at once.
 
-    `warm` is for solves that start from the multipliers of an earlier one.
+    `ipopt` is one of the sets of options above.
     """
 
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     reporter: Reporter = field(default_factory=Reporter)
-    warm: bool = False
+    ipopt: Mapping[str, Any] = field(default_factory=lambda: IPOPT, repr=False)
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -131,8 +133,7 @@ class Optimiser:
         if key not in self._ready:
             began = time.perf_counter()
             watch = _Watch(*window.programme.size, window.parameters.size)
-            chosen = WARM if self.warm else IPOPT
-            options = {f"ipopt.{name}": value for name, value in chosen.items()} | {
+            options = {f"ipopt.{name}": value for name, value in self.ipopt.items()} | {
                 "ipopt.linear_solver": self.linear_solver,
                 "ipopt.max_iter": self.max_iterations,
                 "iteration_callback": watch,

@@ -222,18 +222,21 @@ class Window:
 
     # --- in and out ------------------------------------------------------------------
 
-    def pulls(self, shapes: Shape) -> np.ndarray:
-        """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`."""
+    def pulls(self, shapes: Shape | None) -> np.ndarray:
+        """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`.
+
+        Without shapes, only those along directions that are known already.
+        """
         forces = np.zeros((len(self.steps), 3))
         for t, step in enumerate(self.steps):
             if step.pull is None:
                 continue
             strength, held = step.pull
-            if held in self.held:
+            if held not in self.held:
+                forces[t] = strength * self.known[held]
+            elif shapes is not None:
                 rows = shapes.directors(np.array([held.Z]))
                 forces[t] = strength * rows[held.step - self.offset, 0, held.director]
-            else:
-                forces[t] = strength * self.known[held]
         return forces
 
     def pack(self, x: np.ndarray, shapes: Shape) -> np.ndarray:
