@@ -52,14 +52,8 @@ class Objective:
         return J
 
     def _some(self, t: int, x: np.ndarray) -> np.ndarray:
-        shape_map = self.map(t, self.loads(t))
-        try:
-            shapes = shape_map(x[:, :-2], x[:, -2:])
-        except to.StaticsError:
-            if len(x) == 1:
-                return np.array([FAILED])
-            return np.concatenate([self._some(t, x[i : i + 1]) for i in range(len(x))])
-        return self._misses(t, x, shapes)
+        shapes = self.map(t, self.loads(t))(x[:, :-2], x[:, -2:])
+        return np.nan_to_num(self._misses(t, x, shapes), nan=FAILED)
 
     def unloaded(self, t: int, x: np.ndarray) -> np.ndarray:
         """J_T (n,) of the auxiliary problem, by the closed form."""
@@ -75,7 +69,7 @@ class Objective:
         key = (t, loads)
         if key not in self.maps:
             points = [target.Z for target in self.motion.steps[t].targets]
-            self.maps = {key: to.ShapeMap(self.trunk, loads, points, steps=4)}
+            self.maps = {key: to.ShapeMap(self.trunk, loads, points, steps=4, strict=False)}
         return self.maps[key]
 
     def _misses(self, t: int, x: np.ndarray, shapes: to.PointShapes) -> np.ndarray:

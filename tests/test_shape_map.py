@@ -9,7 +9,7 @@ import pytest
 import reference
 
 import trunk_ocp
-from trunk_ocp import shape_map
+from trunk_ocp import shape_map, shooting
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.loads import Loads
@@ -18,9 +18,6 @@ from trunk_ocp.sensitivity import tip_jacobian
 from trunk_ocp.shape_map import PointShapes, ShapeMap
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
-
-pytest.importorskip("numba")
-shooting = pytest.importorskip("trunk_ocp.shooting")
 
 REST = np.zeros(28)
 LOADS = {
@@ -438,6 +435,25 @@ def test_the_error_names_the_shape_of_the_batch_that_fails(trunk, draw, monkeypa
         ShapeMap(trunk, Loads(0.0), steps=3)(activation)
 
 
+def test_a_map_that_is_not_strict_leaves_out_what_it_does_not_find(trunk):
+    load = Loads(contact_from=1.4, contact_couple=(3e3, 3e3, 1e3))  # many turns
+    activation = -0.5 * np.random.default_rng(135).random((8, 28))
+    shapes = ShapeMap(trunk, load, strict=False)(activation)
+    alone = []
+    for values in activation:
+        try:
+            alone.append(ShapeMap(trunk, load)(values).path)
+        except StaticsError:
+            alone.append(np.full_like(shapes.path[0], np.nan))
+    missing = np.isnan(shapes.path).all(axis=(1, 2))
+    assert 0 < missing.sum() < 8
+    np.testing.assert_allclose(shapes.path, alone, atol=1e-12)
+    # As starts, those left out count as none.
+    again = ShapeMap(trunk, load, strict=False)(activation, start=shapes)
+    np.testing.assert_array_equal(np.isnan(again.path).all(axis=(1, 2)), missing)
+    assert distance(again.position[~missing], shapes.position[~missing]) <= 1e-6
+
+
 def test_without_numba_the_error_says_what_to_install(trunk, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_ocp.shooting")
@@ -480,3 +496,7 @@ def test_an_operation_that_is_not_translated_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(TrunkError, match=r"wave: operation \d+ is not translated"):
         shooting.python_source(ca.Function("wave", [x], [ca.sin(x)]), "wave")
+    y = ca.MX.sym("y")
+    graph = ca.Function("graph", [y], [y + y])
+    with pytest.raises(TrunkError, match="graph: expected a function of scalar operations"):
+        shooting.python_source(graph, "graph")
