@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,10 @@ def error_of_map(which: Cases, shape_map: to.ShapeMap) -> float:
 def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
     """One loaded shape after another, compiled: cold, from a neighbour, and the Jacobian."""
     which = cases(shapes)
+    began = time.perf_counter()
     shape_map = to.ShapeMap(which.trunk, which.loads)
+    shape_map(which.activation[0], which.head[0])
+    compilation = time.perf_counter() - began
     cold, warm, jacobian = [], [], []
     for x, psi in zip(which.activation, which.head, strict=True):
         shape = shape_map(x, psi)
@@ -49,6 +53,7 @@ def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
         jacobian.append(median(seconds(slopes, repeats)))
     return {
         "steps": shape_map.Z.size - 1,
+        "compilation_seconds": compilation,
         "error_in_L": error_of_map(which, shape_map),
         "reference_error_in_L": error_of_truth(which),
         "cold_seconds": median(cold),

@@ -11,6 +11,7 @@ WAYS = ("ours", "expand", "plain")
 OPTI = {"opti-expand": True, "opti-plain": False}  # key: expand
 BUDGETS = (5, 15, 45)  # s, of the paper's method
 STEPS, SEGMENTS = (10, 20, 40, 80), (3, 6, 12, 24)
+WHOLE = (24, 99)  # segments of trunks that are planned from nothing
 
 
 @dataclass(frozen=True)
@@ -63,5 +64,6 @@ def jobs(quick: bool) -> list[Job]:
             result.append(Job(f"{kind} {size}", "scaling", "iteration", arguments))
     coarse = {"kind": "segments", "size": SEGMENTS[-1], "repeats": few, "degree": 3}
     result.append(Job(f"segments {SEGMENTS[-1]} coarse", "scaling", "iteration", coarse))
-    result.append(Job("segments24", "scaling", "segments24"))
+    for size in WHOLE[:1] if quick else WHOLE:
+        result.append(Job(f"whole {size}", "scaling", "whole", {"segments": size}))
     return result

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .bars import bars
-from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS
+from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS, WHOLE
 
 Parts = dict[str, dict[str, Any]]
 
@@ -75,7 +75,8 @@ def forward(parts: Parts) -> list[str]:
     head = ["code", "theory", "seconds", "error or difference / L", "remarks"]
     rows = [
         ["ours, `ShapeMap`, cold", same, one.get("cold_seconds"), one.get("error_in_L"),
-         failure(one) or f"{one.get('steps')} steps of order 8"],
+         failure(one) or f"{one.get('steps')} steps of order 8; a process's first call, which "
+         f"compiles, took {text(one.get('compilation_seconds'))} s"],
         ["ours, `ShapeMap`, warm", same, one.get("warm_seconds"), one.get("error_in_L"),
          failure(one) or "from the shape for 0.01 more in every activation and angle"],
         ["ours, `ShapeMap.jacobian`", same, one.get("jacobian_seconds"), None,
@@ -221,14 +222,15 @@ def scaling(parts: Parts) -> list[str]:
         head = [kind, "muscles", "elements", "verification (sequential), m", "iterations",
                 "seconds an iteration", "of linear growth", "remarks"]  # fmt: skip
         lines += table(head, rows)
-    p = parts.get("segments24", {})
-    lines += [
-        f"A trunk of {p.get('segments')} segments and {p.get('muscles')} muscles, lift-log "
-        f"horizon: {failure(p) or p.get('status')}; {text(p.get('total_seconds'))} s, "
-        f"{p.get('iterations')} iterations, {text(p.get('peak_memory_mb'))} MB, verification "
-        f"{text(p.get('verification_error_m'))} m.",
-        "",
-    ]
+    for p in (parts.get(f"whole {size}", {}) for size in WHOLE):
+        if p:
+            lines += [
+                f"A trunk of {p.get('segments')} segments and {p.get('muscles')} muscles, lift-log "
+                f"horizon: {failure(p) or p.get('status')}; {text(p.get('total_seconds'))} s, "
+                f"{p.get('iterations')} iterations, {text(p.get('peak_memory_mb'))} MB, "
+                f"verification {text(p.get('verification_error_m'))} m.",
+                "",
+            ]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""How one Ipopt iteration grows with time steps and with segments; a trunk of 24 segments."""
+"""How one Ipopt iteration grows with time steps and with segments; trunks of many segments."""
 
 from __future__ import annotations
 
@@ -99,9 +99,9 @@ def iteration(kind: str, size: int, repeats: int = 3, degree: int | None = None)
     }
 
 
-def segments24() -> dict[str, Any]:
-    """A whole lift-log horizon with 24 segments, from nothing."""
-    motion = with_segments(24)
+def whole(segments: int) -> dict[str, Any]:
+    """A whole lift-log horizon of a trunk with many segments, from nothing."""
+    motion = with_segments(segments)
     plan = to.plan_motion(motion)
     return figures_of(plan) | {
         "segments": motion.trunk.segments,
@@ -110,4 +110,4 @@ def segments24() -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run_part({"iteration": iteration, "segments24": segments24})
+    run_part({"iteration": iteration, "whole": whole})

@@ -110,7 +110,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "seconds": {
             "setup": round(plan.setup_seconds, 4),
             "solve": round(plan.solve_seconds, 4),
-            "of it derivatives": round(plan.derivative_seconds, 4),
+            "derivatives": round(plan.derivative_seconds, 4),
             "total": round(plan.total_seconds, 4),
         },
         "objective": plan.objective.paper,
