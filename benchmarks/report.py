@@ -59,7 +59,14 @@ def bars_met(parts: Parts) -> list[str]:
     head = ["what", "measured", "bar", "met", "stretch", "met"]
     verdict = {True: "yes", False: "**no**", None: "not measured"}
     rows = [
-        [b.what, b.shown, b.bar_shown, verdict[b.met], b.stretch_shown, b.stretch_met]
+        [
+            b.what,
+            b.shown,
+            b.bar_shown,
+            verdict[b.met] if b.bar else "-",
+            b.stretch_shown,
+            b.stretch_met,
+        ]
         for b in bars(parts)
     ]
     return ["## The bars of the issue", "", *table(head, rows)]

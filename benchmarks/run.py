@@ -24,7 +24,7 @@ from .jobs import MOTIONS, Job, jobs
 ROOT = Path(__file__).parent.parent
 MARK = "benchmark: "  # as in `common`, which this process does not import to stay small
 PACKAGES = (
-    *("casadi", "numpy", "scipy", "trunk_ocp"),
+    *("casadi", "numpy", "scipy", "numba", "trunk_ocp"),
     *("exudyn", "pyelastica", "nlopt", "PyNomadBBO", "matplotlib"),
 )
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
