@@ -10,11 +10,12 @@ from .errors import InputError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
+from .point_shapes import PointShapes
 from .problem_file import problem_schema
 from .replanning import Replanner
 from .reporting import Progress, Reporter
 from .sensitivity import tip_jacobian
-from .shape_map import PointShapes, ShapeMap
+from .shape_map import ShapeMap
 from .solution import Plan, Status
 from .statics import Shape, solve_statics
 from .storage import load_plan, save_plan
