@@ -17,7 +17,6 @@ from trunk_ocp.reporting import Reporter
 from trunk_ocp.solution import Status
 from trunk_ocp.storage import dataset, load_plan, save_plan, summary
 
-
 SECONDS = ("setup_seconds", "solve_seconds", "derivative_seconds", "total_seconds")
 
 
