@@ -30,7 +30,7 @@ lint: venv
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Everything side by side, some 15 minutes; BENCH=--quick for three. Only this needs the rivals.
+# Everything side by side, some 22 minutes; BENCH=--quick for three. Only this needs the rivals.
 bench: venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-bench.txt
 	$(BIN)/python -m benchmarks.run $(BENCH)

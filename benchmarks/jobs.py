@@ -62,8 +62,6 @@ def jobs(quick: bool) -> list[Job]:
         for size in sizes[:: len(sizes) - 1] if quick else sizes:
             arguments = {"kind": kind, "size": size, "repeats": few}
             result.append(Job(f"{kind} {size}", "scaling", "iteration", arguments))
-    coarse = {"kind": "segments", "size": SEGMENTS[-1], "repeats": few, "degree": 3}
-    result.append(Job(f"segments {SEGMENTS[-1]} coarse", "scaling", "iteration", coarse))
     for size in WHOLE[:1] if quick else WHOLE:
         result.append(Job(f"whole {size}", "scaling", "whole", {"segments": size}))
     return result

@@ -77,10 +77,10 @@ def _numbers(pattern: str, parts: int) -> list[tuple[int, str]]:
     return [(number, found[2]) for number in range(last - parts + 1, last + 1)]
 
 
-def iteration(kind: str, size: int, repeats: int = 3, degree: int | None = None) -> dict[str, Any]:
+def iteration(kind: str, size: int, repeats: int = 3) -> dict[str, Any]:
     """Seconds per Ipopt iteration of the horizon, from the sequential plan."""
     motion = with_steps(size) if kind == "steps" else with_segments(size)
-    options = to.Options() if degree is None else to.Options(degree=degree)
+    options = to.Options()
     start = to.plan_motion(motion, lookahead=1, options=options)
     options = replace(options, max_iterations=ITERATIONS)
     taken, iterations = [], 0

@@ -26,3 +26,14 @@ def test_the_documented_keys_are_those_of_the_format():
     shown = {key for key in known if re.search(rf"\b{key}\b", text)}
     missing = known - shown - {"phases", "targets", "wrap", "loads"}
     assert not missing
+
+
+def test_what_the_readme_shows_in_python_runs(tmp_path, monkeypatch):
+    text = (ROOT / "README.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(block, names)
+    assert names["plan"].status is to.Status.SOLVED
+    assert names["shapes"].found.all()
+    assert (tmp_path / "results" / "mine" / "solution.nc").exists()

@@ -409,11 +409,59 @@ def test_contact_off_the_trunk_is_refused(trunk, Z_w):
 def test_shapes_of_other_points_or_batches_are_refused(trunk):
     solve, two = ShapeMap(trunk), np.zeros((2, 28))
     other = ShapeMap(trunk, at=[0.123])(REST)
-    for given, activation in ((other, REST), (solve(two), REST), (solve(two), np.zeros((3, 28)))):
-        with pytest.raises(InputError, match="shapes: expected shapes of this map"):
-            solve(activation, start=given)
-        with pytest.raises(InputError, match="shapes: expected shapes of this map"):
-            solve.jacobian(given, activation)
+    for given in (other, solve_statics(trunk, REST)):
+        with pytest.raises(InputError, match="shapes: expected"):
+            solve(REST, start=given)
+        with pytest.raises(InputError, match="shapes: expected"):
+            solve.jacobian(given, REST)
+    for activation in (REST, np.zeros((3, 28))):
+        with pytest.raises(InputError, match="start: expected shapes with leading axes"):
+            solve(activation, start=solve(two))
+    with pytest.raises(InputError, match="leading axes that match"):
+        solve.jacobian(solve(two), np.zeros((3, 28)))
+
+
+def test_the_jacobian_of_many_shapes_of_one_activation_is_theirs(trunk):
+    solve = ShapeMap(trunk)
+    two = solve(np.zeros((2, 28)))
+    for many, one in zip(solve.jacobian(two, REST), solve.jacobian(solve(REST), REST), strict=True):
+        np.testing.assert_allclose(many, np.stack([one, one]), atol=1e-12)
+
+
+MAP_ARGUMENTS = {
+    "a name": ({"trunk": "asian-elephant"}, "trunk: expected one Trunk, got str"),
+    "several loads": ({"loads": [Loads()]}, "loads: expected one Loads, got list"),
+    "no steps": ({"steps": 0}, "steps = 0: expected a whole number from 1 on"),
+    "half a step": ({"steps": 2.5}, r"steps = 2\.5: expected a whole number"),
+    "no threads": ({"threads": 0}, "threads = 0: expected a whole number"),
+    "one point": ({"at": 0.9}, r"at = 0\.9: expected a list of points"),
+}
+
+
+@pytest.mark.parametrize("case", MAP_ARGUMENTS)
+def test_a_bad_argument_of_the_map_is_named(trunk, case):
+    changes, message = MAP_ARGUMENTS[case]
+    with pytest.raises(InputError, match=message):
+        ShapeMap(**({"trunk": trunk} | changes))
+
+
+def test_shapes_are_indexed_by_the_axes_of_the_batch(trunk, draw):
+    shapes = ShapeMap(trunk)(draw(trunk, 6, seed=136).reshape(2, 3, 28))
+    np.testing.assert_array_equal(shapes[1].path, shapes.path[1])
+    np.testing.assert_array_equal(shapes[1, 2].path, shapes.path[1, 2])
+    np.testing.assert_array_equal(shapes[:, shapes[0].found].path, shapes.path)
+    with pytest.raises(IndexError):
+        shapes[1, 2, 0]
+
+
+def test_an_activation_that_collapses_is_named_or_left_out(trunk):
+    activation = np.zeros((2, 3, 28))
+    activation[1, 2] = -5.0
+    with pytest.raises(InputError, match=r"activation\[1, 2\]: contracts a segment"):
+        ShapeMap(trunk)(activation)
+    shapes = ShapeMap(trunk, strict=False)(activation)
+    assert shapes.found.tolist() == [[True] * 3, [True, True, False]]
+    np.testing.assert_allclose(shapes.path[0], ShapeMap(trunk)(activation[0]).path, atol=1e-12)
 
 
 def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,17 @@ class PointShapes:
 
     def __repr__(self) -> str:
         return f"<PointShapes: batch {self.path.shape[:-2]}, {self.Z.size} points>"
+
+    def __getitem__(self, index: Any) -> PointShapes:
+        """Some shapes of the batch, indexed by its axes."""
+        batch = self.path.shape[:-2]
+        chosen = np.arange(math.prod(batch)).reshape(batch)[index]
+        return PointShapes(self.Z, self.path.reshape(-1, *self.path.shape[-2:])[chosen])
+
+    @property
+    def found(self) -> np.ndarray:
+        """Whether there is a shape, (...,); see `ShapeMap`'s `strict`."""
+        return np.isfinite(self.path).all(axis=(-1, -2))
 
     @property
     def position(self) -> np.ndarray:

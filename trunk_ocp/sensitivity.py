@@ -15,11 +15,12 @@ import numpy as np
 from .activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
 from .anatomy import Head
 from .collocation import gauss
+from .errors import InputError
 from .head import base_pose
 from .loads import Loads
 from .rod import STATES, STRAINS, point_parameters, rates
 from .rotations import directors
-from .statics import Shape
+from .statics import Shape, check_controls
 
 
 def tip_jacobian(
@@ -41,8 +42,16 @@ def tip_jacobian(
         In m per unit of activation, and m per radian in the last two columns.
     tangent : (3, muscles + 2)
         Of d_3(L).
+
+    Raises
+    ------
+    InputError
+        For a batch, wrong shapes or values that are not finite.
     """
     trunk, mesh = shape.trunk, shape.mesh
+    activation, head = check_controls(trunk, activation, head)
+    if shape.states.ndim != 3 or activation.ndim != 1 or head.ndim != 1:
+        raise InputError("shape, activation, head: expected one of each, no batch.")
     E, d, element, h = mesh.elements, mesh.degree, gauss(mesh.degree), mesh.widths
     by_state, by_strain = _slopes(shape, activation, loads)
     per_muscle = _strain_slopes(shape)  # (E, 5, muscles + 2)

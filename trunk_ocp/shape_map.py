@@ -48,6 +48,7 @@ class _Controls:
     head: np.ndarray  # (B, 2)
     strain: np.ndarray  # (B, segments, 4)
     mean: np.ndarray  # (B,)
+    collapsed: np.ndarray  # (B,), whether a segment's extension is not above 0
 
 
 class ShapeMap:
@@ -67,8 +68,8 @@ class ShapeMap:
     threads : int
         Among which a batch is shared. Results do not depend on it.
     strict : bool
-        Whether a shape that is not found raises StaticsError; otherwise it is NaN, and the
-        others of its batch are kept.
+        Whether a shape that is not found raises StaticsError, and an activation that collapses a
+        segment InputError; otherwise such shapes are NaN, and the others of the batch are kept.
 
     Attributes
     ----------
@@ -80,7 +81,13 @@ class ShapeMap:
     TrunkError
         If numba is not installed.
     InputError
-        For points outside the trunk.
+        For points outside the trunk, and other arguments that are not what they should be.
+
+    Notes
+    -----
+    Under loads of several times the trunk's weight there may be several equilibria. Which one
+    is found depends on the start and on the steps, here as in `solve_statics`; none is checked
+    for stability. To follow one, raise the load or the activation by and by, with `start`.
     """
 
     def __init__(
@@ -92,16 +99,10 @@ class ShapeMap:
         threads: int = 1,
         strict: bool = True,
     ) -> None:
-        self.trunk, self.loads, self.threads, self.strict = (
-            trunk,
-            loads or Loads(),
-            threads,
-            strict,
-        )
+        loads = Loads() if loads is None else loads
+        _check_arguments(trunk, loads, at, steps, threads)
+        self.trunk, self.loads, self.threads, self.strict = trunk, loads, threads, strict
         self._kernels, self._halvings = _kernels(), HALVINGS
-        outside = [Z for Z in at if not 0 <= Z <= trunk.length]
-        if outside:
-            raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {trunk.length:g} m.")
         edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges
         self._step_between(np.array(sorted({*edges, *(float(Z) for Z in at)})))
 
@@ -159,7 +160,8 @@ class ShapeMap:
         unloaded = self._unloaded(controls)
         paths = unloaded.copy()
         if start is not None:
-            self._check_start(start, controls.batch)
+            self._check_points(start)
+            self._check_axes(start, controls.batch)
             known = np.broadcast_to(start.path, (*controls.batch, *unloaded.shape[1:]))
             known = known.reshape(unloaded.shape)
             usable = np.isfinite(known).all(axis=(1, 2))
@@ -201,8 +203,8 @@ class ShapeMap:
         InputError
             For wrong shapes, or shapes of other points.
         """
-        controls = self._controls(activation, head)
-        self._check_start(shapes, controls.batch)
+        self._check_points(shapes)
+        controls = self._controls(activation, head, shapes.path.shape[:-2])
         paths = np.broadcast_to(shapes.path, (*controls.batch, self.Z.size, 10))
         slopes = self._slopes(controls, np.ascontiguousarray(paths).reshape(-1, self.Z.size, 10))
         slopes = slopes.reshape(*controls.batch, *slopes.shape[1:])
@@ -211,34 +213,49 @@ class ShapeMap:
     # --- pieces ----------------------------------------------------------------------
 
     def _controls(
-        self, activation: np.ndarray, head: np.ndarray | tuple[float, float]
+        self,
+        activation: np.ndarray,
+        head: np.ndarray | tuple[float, float],
+        shapes: tuple[int, ...] = (),
     ) -> _Controls:
-        activation, head = check_controls(self.trunk, activation, head)
+        """Checked arguments, with the axes of `shapes` that come with them."""
+        activation, head = check_controls(self.trunk, activation, head, collapsed=not self.strict)
+        axes = [activation.shape[:-1], head.shape[:-1], *([shapes] if shapes else [])]
         try:
-            batch = np.broadcast_shapes(activation.shape[:-1], head.shape[:-1])
+            batch = np.broadcast_shapes(*axes)
         except ValueError:
             raise InputError(
-                "activation and head: expected leading axes that match, got "
-                f"{activation.shape[:-1]} and {head.shape[:-1]}."
+                "activation, head and shapes: expected leading axes that match, got "
+                f"{', '.join(map(str, axes))}."
             ) from None
         count, muscles = math.prod(batch), activation.shape[-1]
         gamma = np.broadcast_to(activation, (*batch, muscles)).reshape(count, muscles)
         psi = np.broadcast_to(head, (*batch, 2)).reshape(count, 2)
         strain = np.ascontiguousarray(strains(self.trunk, gamma))
-        return _Controls(batch, gamma, psi, strain, mean_extension(self.trunk, strain))
+        mean, collapsed = mean_extension(self.trunk, strain), np.any(strain[..., 0] <= 0, axis=1)
+        return _Controls(batch, gamma, psi, strain, mean, np.asarray(collapsed))
 
-    def _check_start(self, shapes: PointShapes, batch: tuple[int, ...]) -> None:
-        """Raise InputError unless shapes are of this map's points and fit a batch."""
+    def _check_points(self, shapes: PointShapes) -> None:
+        """Raise InputError unless shapes are of this map's points."""
+        if not isinstance(shapes, PointShapes):
+            raise InputError(
+                f"shapes: expected what a ShapeMap returned, got {type(shapes).__name__}."
+            )
+        if not np.array_equal(shapes.Z, self.Z):
+            raise InputError(
+                f"shapes: expected shapes of this map's {self.Z.size} points, got {shapes.Z.size} "
+                "points of another map."
+            )
+
+    def _check_axes(self, shapes: PointShapes, batch: tuple[int, ...]) -> None:
+        """Raise InputError unless there is a start for each shape of a batch."""
         given = shapes.path.shape[:-2]
         try:
             fits = np.broadcast_shapes(given, batch) == batch
         except ValueError:
             fits = False
-        if not fits or not np.array_equal(shapes.Z, self.Z):
-            raise InputError(
-                f"shapes: expected shapes of this map's {self.Z.size} points with leading axes "
-                f"{batch}, got {shapes.Z.size} points with {given}."
-            )
+        if not fits:
+            raise InputError(f"start: expected shapes with leading axes {batch}, got {given}.")
 
     def _unloaded(self, controls: _Controls) -> np.ndarray:
         """Unloaded paths (B, n, 10)."""
@@ -276,16 +293,17 @@ class ShapeMap:
             )
 
         self._share(work, len(paths))
-        found = reached == 1
+        found = (reached == 1) | controls.collapsed
         rough = found & ~(PointShapes(self.Z, paths).defect <= DEFECT)
         # What two meshes do not find is not there; what one does not resolve, finer ones may.
         lost = ~found if self._halvings < HALVINGS else np.zeros_like(found)
         lost |= rough if self._halvings == 0 else False
+        lost &= ~controls.collapsed
         if np.any(lost) and self.strict:
             first = int(np.argmax(lost))
             raise self._not_found(int(number[first]), controls, float(reached[first]))
-        paths[lost] = np.nan
-        again = np.flatnonzero((rough | ~found) & ~lost)
+        paths[lost | controls.collapsed] = np.nan
+        again = np.flatnonzero((rough | ~found) & ~(lost | controls.collapsed))
         if again.size:
             some = _Controls(
                 controls.batch,
@@ -293,6 +311,7 @@ class ShapeMap:
                 controls.head[again],
                 controls.strain[again],
                 controls.mean[again],
+                controls.collapsed[again],
             )
             base = self._finer._unloaded(some)
             fine = np.where(found[again, None, None], _halved(paths[again]), base)
@@ -377,6 +396,24 @@ class ShapeMap:
         bounds = np.linspace(0, count, parts + 1).astype(int)
         with ThreadPoolExecutor(parts) as pool:
             list(pool.map(work, [slice(a, b) for a, b in itertools.pairwise(bounds)]))
+
+
+def _check_arguments(
+    trunk: Trunk, loads: Loads, at: Sequence[float], steps: int, threads: int
+) -> None:
+    """Raise InputError for arguments of a map that are not what they should be."""
+    for name, value, kind in (("trunk", trunk, Trunk), ("loads", loads, Loads)):
+        if not isinstance(value, kind):
+            raise InputError(f"{name}: expected one {kind.__name__}, got {type(value).__name__}.")
+    for name, number in (("steps", steps), ("threads", threads)):
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
+    points = np.asarray(at, dtype=float)
+    if points.ndim != 1:
+        raise InputError(f"at = {at!r}: expected a list of points Z in m.")
+    outside = points[~((points >= 0) & (points <= trunk.length))]
+    if outside.size:
+        raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {trunk.length:g} m.")
 
 
 def _halved(paths: np.ndarray) -> np.ndarray:

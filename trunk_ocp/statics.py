@@ -150,9 +150,14 @@ def solve_statics(
 
 
 def check_controls(
-    trunk: Trunk, activation: np.ndarray, head: np.ndarray | tuple[float, float]
+    trunk: Trunk,
+    activation: np.ndarray,
+    head: np.ndarray | tuple[float, float],
+    collapsed: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Activations (..., muscles) and head angles (..., 2) as float arrays.
+
+    collapsed : whether activations that collapse a segment may pass.
 
     Raises
     ------
@@ -164,9 +169,11 @@ def check_controls(
     if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
         raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
     zeta = strains(trunk, activation)[..., 0]
-    if np.any(zeta <= 0):
+    if np.any(zeta <= 0) and not collapsed:
+        worst = np.unravel_index(np.argmin(zeta), zeta.shape)[:-1]
+        which = f"[{', '.join(map(str, worst))}]" if worst else ""
         raise InputError(
-            f"activation: contracts a segment to {zeta.min():.3g} of its length; "
+            f"activation{which}: contracts a segment to {zeta.min():.3g} of its length; "
             "the extension must stay above 0."
         )
     return activation, head
