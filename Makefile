@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
+TESTABLE := .venv/testable
 
 .PHONY: venv motion results test lint bench schema clean
 
@@ -13,8 +14,13 @@ $(READY): pyproject.toml requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
 
+# What only tests need: readers of the files that exports write, and a browser to drive.
+$(TESTABLE): requirements-test.txt | $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
+	touch $@
+
 # One worker a core; a solver of its own in each, so no threads inside.
-test: venv
+test: venv $(TESTABLE)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=2
 
 motion: venv

@@ -250,3 +250,29 @@ def test_an_interrupt_exits_4_with_the_best_so_far_saved(tmp_path, mode, line, f
     assert report["status"] == "interrupted"
     assert len(report["timesteps"]) in steps
     assert load_plan(tmp_path / "out" / folder).interrupted
+
+
+# --- a finished run ----------------------------------------------------------------------
+
+
+def test_a_finished_run_is_converted_for_other_programs(tmp_path):
+    out = tmp_path / "out"
+    assert run(written(tmp_path, POINT), "--out", out).exit_code == 0
+    result = CliRunner().invoke(cli.main, ["convert", str(out)])
+    assert result.exit_code == 0, result.output
+    assert (out / "horizon" / "motion.glb").read_bytes()[:4] == b"glTF"
+    assert (out / "horizon" / "vtk" / "muscles.pvd").exists()
+    assert (out / "horizon" / "activations.sto").exists()
+    only = CliRunner().invoke(cli.main, ["convert", str(out / "horizon"), "--to", "sto"])
+    assert only.exit_code == 0, only.output
+    assert only.stdout.strip().endswith(": sto")
+
+
+@pytest.mark.parametrize("verb", ["convert"])
+def test_what_is_not_a_finished_run_is_said_so(tmp_path, verb, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("lift-log", str(tmp_path)):
+        result = CliRunner().invoke(cli.main, [verb, name])
+        assert result.exit_code == 2
+        assert "no finished run" in result.stderr
+        assert "solve-motion" in result.stderr

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -25,7 +25,7 @@ from .reporting import Reporter
 from .screen import Screen, comparison_table, rank_table, sign_table, step_table
 from .solution import Plan, Status
 from .solver import check_linear_solver
-from .storage import save_plan, summary
+from .storage import load_plan, save_plan, summary
 
 EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
 BAD_INPUT, NOT_SOLVED = 2, 3
@@ -215,6 +215,48 @@ def tables(anatomy: str) -> None:
             return
         console.print(sign_table(trunk))
         console.print(rank_table(trunk))
+
+
+def _finished(run: str) -> tuple[Path, dict[Path, Plan]]:
+    """Folder of a finished run, given it or a problem's name, and its plans by their folders."""
+    folder = Path(run) if Path(run).is_dir() else Path("results") / run
+    found = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
+    if not found:
+        raise InputError(
+            f"{run}: no finished run here or in {folder}/; expected a folder that solve-motion "
+            "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
+        )
+    return folder, {path.parent: load_plan(path.parent) for path in found}
+
+
+@main.command("convert")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@click.option(
+    "--to",
+    "kinds",
+    type=click.Choice(["glb", "vtk", "sto"]),
+    multiple=True,
+    help="Only this; may be repeated.  [default: all]",
+)
+def convert(run: str, kinds: tuple[str, ...]) -> None:
+    """Write a finished run for other programs.
+
+    motion.glb is an animation for Blender and other viewers, vtk/ has a file for each time step
+    for ParaView, activations.sto is for OpenSim. They go beside the results of each plan.
+    """
+    from .exports import write_glb, write_sto, write_vtk
+
+    writers: dict[str, Callable[[Plan, Path], object]] = {
+        "glb": lambda plan, folder: write_glb(plan, folder / "motion.glb"),
+        "vtk": lambda plan, folder: write_vtk(plan, folder / "vtk"),
+        "sto": lambda plan, folder: write_sto(plan, folder / "activations.sto"),
+    }
+    with _clean_errors():
+        _, plans = _finished(run)
+        for folder, plan in plans.items():
+            for kind in kinds or writers:
+                writers[kind](plan, folder)
+            click.echo(f"{folder}/: {', '.join(kinds or writers)}")
 
 
 @main.command("schema")
