@@ -20,8 +20,8 @@ FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.0, 0.0]")  # the trunk is 1.75 m
 
 
 def run(*arguments):
-    """`solve-motion` in this process."""
-    return CliRunner().invoke(cli.solve, [str(argument) for argument in arguments])
+    """`solve-motion` in this process, without pictures."""
+    return CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
 
 
 def summary(folder):
@@ -268,7 +268,31 @@ def test_a_finished_run_is_converted_for_other_programs(tmp_path):
     assert only.stdout.strip().endswith(": sto")
 
 
-@pytest.mark.parametrize("verb", ["convert"])
+def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    problem = written(tmp_path, TOUCH)
+    arguments = [str(problem), "--out", str(out), "--mode", "both", "--film"]
+    result = CliRunner().invoke(cli.solve, arguments)
+    assert result.exit_code == 0, result.output
+    for mode in ("sequential", "horizon"):
+        drawn = {path.name for path in (out / mode / "figures").iterdir()}
+        assert {"shapes.pdf", "activations.png", "muscles-left.pdf", "errors.png"} <= drawn
+        assert (out / mode / "film.gif").read_bytes()[:4] == b"GIF8"
+    assert (out / "figures" / "comparison.pdf").exists()
+    assert (out / "motion.html").exists()
+    opened = []
+    monkeypatch.setattr(cli.webbrowser, "open", lambda page: opened.append(page) or True)
+    (out / "motion.html").unlink()
+    shown = CliRunner().invoke(cli.main, ["view", str(out)])
+    assert shown.exit_code == 0, shown.output
+    assert opened == [(out / "motion.html").as_uri()]
+    quiet = CliRunner().invoke(cli.main, ["view", str(out / "horizon"), "--no-browser"])
+    assert quiet.exit_code == 0, quiet.output
+    assert len(opened) == 1
+    assert (out / "horizon" / "motion.html").exists()
+
+
+@pytest.mark.parametrize("verb", ["convert", "view"])
 def test_what_is_not_a_finished_run_is_said_so(tmp_path, verb, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("lift-log", str(tmp_path)):

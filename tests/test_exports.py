@@ -14,6 +14,7 @@ from plans import MOTIONS, planned, written
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
+from trunk_ocp import colours
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.exports import glb, keyframes, surfaces, write_glb, write_sto, write_vtk
 from trunk_ocp.geometry import Body, muscle_body, trunk_body
@@ -215,7 +216,7 @@ def test_colours_are_those_of_okabe_and_ito_in_linear_light(files):
         linear = np.array(material.pbrMetallicRoughness.baseColorFactor)[:3]
         shown = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
         red, green, blue = np.round(255 * shown).astype(int)
-        assert f"#{red:02X}{green:02X}{blue:02X}" == glb.COLOURS[node.extras["group"]]
+        assert f"#{red:02X}{green:02X}{blue:02X}" == colours.MUSCLES[node.extras["group"]]
 
 
 def test_the_trunk_hangs_along_minus_Y_and_points_forwards_along_plus_Z(files):
@@ -338,10 +339,10 @@ def phases(plan):
 def test_unknown_groups_get_colours_of_their_own(trunk):
     groups = [f"group{i}" for i in range(9)]
     muscles = tuple(replace(trunk.subdomains[0], group=group) for group in [*groups, "dl"])
-    colours = glb.group_colours(replace(trunk, subdomains=muscles))
-    assert colours["dl"] == glb.COLOURS["dl"]
-    assert len({colours[group] for group in groups}) == len(glb.FURTHER)
-    assert not set(glb.FURTHER) & set(glb.COLOURS.values())
+    found = colours.group_colours(replace(trunk, subdomains=muscles))
+    assert found.get("dl", colours.MUSCLES["dl"]) == colours.MUSCLES["dl"]
+    assert len({found[group] for group in groups}) == len(colours.OTHERS)
+    assert not set(colours.OTHERS) & set(colours.MUSCLES.values())
 
 
 # VTK

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import tempfile
+import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ from types import FrameType
 
 import click
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .comparison import compare
@@ -29,6 +31,7 @@ from .storage import load_plan, save_plan, summary
 
 EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
 BAD_INPUT, NOT_SOLVED = 2, 3
+PAGE = "motion.html"
 
 
 @click.command("solve")
@@ -70,6 +73,8 @@ BAD_INPUT, NOT_SOLVED = 2, 3
     "trunk, random ones.",
     metavar="N",
 )
+@click.option("--no-figures", is_flag=True, help="Draw no figures and no page.")
+@click.option("--film", is_flag=True, help="Make a film as well: half a minute or more.")
 @click.option("--quiet", is_flag=True, help="Print nothing but what went wrong.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
 def solve(
@@ -80,6 +85,8 @@ def solve(
     linear_solver: str,
     max_iterations: int,
     starts: int,
+    no_figures: bool,
+    film: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -115,6 +122,12 @@ def solve(
             figures = compare(*plans)
             (folder / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
             console.print(comparison_table(figures))
+        with _interrupted_drawing(console):
+            if not no_figures:
+                _draw(plans, folder, console)
+            if film:
+                for plan in plans:
+                    _film(plan, folder / plan_folder(plan), console)
         console.print(f"Results are in {folder}/")
     if quiet:
         for plan in plans:
@@ -142,6 +155,52 @@ def _plans(
     if mode == "sequential" or reporter.stop:
         return [sequential]
     return [sequential, plan_motion(motion, None, options, reporter, start=sequential)]
+
+
+def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
+    """Figures of each plan, of two together, and the page to turn the trunk in."""
+    from .figures import draw, draw_comparison
+    from .page import write_page
+
+    drawn = [plan for plan in plans if len(plan.x)]
+    with console.status("drawing figures; Ctrl-C leaves them out"):
+        for plan in drawn:
+            draw(plan, folder / plan_folder(plan) / "figures")
+        if len(drawn) == 2:
+            draw_comparison(drawn[0], drawn[1], folder / "figures")
+        if drawn:
+            write_page(drawn, folder / PAGE)
+            console.print(f"Turn it in a browser: {folder / PAGE}")
+
+
+def _film(plan: Plan, folder: Path, console: Console) -> None:
+    """A film of one plan, with a bar that says how long it will take."""
+    from .figures import write_film
+
+    if not len(plan.x):
+        return
+    with Progress(
+        TextColumn("film of the {task.description} plan"),
+        BarColumn(),
+        TextColumn("{task.completed} of {task.total} frames, still"),
+        TimeRemainingColumn(),
+        console=console,
+    ) as bar:
+        task = bar.add_task(plan.mode, total=None)
+        paths = write_film(
+            plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    for path in paths:
+        console.print(f"Film: {path}")
+
+
+@contextmanager
+def _interrupted_drawing(console: Console) -> Iterator[None]:
+    """Ctrl-C while drawing leaves the pictures out; the plans are saved already."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print("Stopped drawing; the plans are saved.")
 
 
 def _verdict(console: Console, plan: Plan) -> None:
@@ -227,6 +286,26 @@ def _finished(run: str) -> tuple[Path, dict[Path, Plan]]:
             "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
         )
     return folder, {path.parent: load_plan(path.parent) for path in found}
+
+
+@main.command("view")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@click.option("--no-browser", is_flag=True, help="Only write the page and say where it is.")
+def view(run: str, no_browser: bool) -> None:
+    """Open the page of a finished run in a browser: turn the trunk, play, pick muscles.
+
+    It is one file, motion.html, that needs neither server nor network.
+    """
+    from .page import write_page
+
+    with _clean_errors():
+        folder, plans = _finished(run)
+        pair = [plan for plan in plans.values() if plan.mode != "receding"] or [*plans.values()]
+        order = sorted(pair, key=lambda plan: plan.mode == "horizon")  # as in solve-motion
+        page = write_page(order[:2], folder / PAGE).resolve()
+        click.echo(str(page))
+        if not no_browser and not webbrowser.open(page.as_uri()):
+            click.echo("No browser was found here; open this file in one.", err=True)
 
 
 @main.command("convert")

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..anatomy import Muscle, Trunk
+from ..anatomy import Muscle
+from ..colours import OTHERS, group_colours
 from ..solution import Plan
 from .files import write
 from .keyframes import Keyframes, with_between
@@ -31,10 +32,6 @@ HOLD = 1e-3  # s; how long a jump takes, since key frames cannot coincide
 # Columns are the model's axes (X forwards, Y right, Z down) in glTF's: +Z forwards, -X right,
 # +Y up. As a quaternion x, y, z, w.
 UPRIGHT = (0.5, -0.5, 0.5, 0.5)
-
-# Okabe & Ito, told apart by the colour-blind too; the last ones are for other trunks.
-COLOURS = {"dl": "#0072B2", "ovo": "#D55E00", "ivo": "#E69F00", "dr": "#009E73", "vr": "#CC79A7"}
-FURTHER = ("#56B4E9", "#F0E442", "#999999", "#332288", "#882255", "#44AA99", "#DDCC77")
 
 
 def write_glb(plan: Plan, path: str | Path) -> Path:
@@ -64,7 +61,7 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
         surface = shaded(coarse_body(trunk, part, frames.shape, sections))
         name = part.name if part else trunk.name
         extras = _extras(part, frames.activation[:, i]) if part else {}
-        colour = colours[part.group] if part else FURTHER[2]
+        colour = colours[part.group] if part else OTHERS[4]
         file.morphing_mesh(name, surface, colour, names, extras)
     return write(path, file.glb(_root(plan, frames)))
 
@@ -93,14 +90,6 @@ def weight_keys(frames: Keyframes) -> tuple[np.ndarray, np.ndarray]:
         times.append(frames.times[i])
         shapes.append(i)
     return np.array(times), np.eye(count)[shapes, 1:]
-
-
-def group_colours(trunk: Trunk) -> dict[str, str]:
-    """Colour "#rrggbb" of each muscle group; unknown ones in the order they come."""
-    groups = dict.fromkeys(muscle.group for muscle in trunk.subdomains)
-    unknown = [group for group in groups if group not in COLOURS]
-    more = {group: FURTHER[i % len(FURTHER)] for i, group in enumerate(unknown)}
-    return COLOURS | more
 
 
 def _extras(muscle: Muscle, activation: np.ndarray) -> dict[str, Any]:

@@ -1,0 +1,395 @@
+"""Figures: that they show what the plan says. Pixels are for eyes."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex
+from matplotlib.image import imread
+from matplotlib.patches import StepPatch
+from plans import MOTIONS, POINT, first_steps, planned, written
+from test_user_motions import ROD, arm
+
+from trunk_ocp import colours
+from trunk_ocp.figures import (
+    activations,
+    anatomy,
+    comparison,
+    draw,
+    draw_anatomy,
+    draw_comparison,
+    errors,
+    instants,
+    muscles,
+    shapes,
+    style,
+)
+from trunk_ocp.figures.limits import limits, touching
+from trunk_ocp.figures.scene import VIEWS, ball, cylinder
+from trunk_ocp.figures.things import head_sphere, log_at
+from trunk_ocp.head import base_pose
+from trunk_ocp.motion import load_motion
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.solution import Status
+from trunk_ocp.statics import solve_statics
+
+
+def with_gid(figure, gid):
+    return [artist for artist in figure.findobj() if artist.get_gid() == gid]
+
+
+def rows_of(plan):
+    return [shapes.row_of(plan, number) for number in range(len(plan.motion.phases))]
+
+
+@cache
+def curves_of(name):
+    with style.styled():
+        return activations.picture(planned(name, "horizon"))
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(lambda a: hasattr(a, "get_text"))]
+
+
+def empty(plan):
+    return replace(plan, x=plan.x[:0], tip_forces=plan.tip_forces[:0], shape=plan.part(0, 0))
+
+
+def cut(plan, count):
+    return replace(
+        plan, x=plan.x[:count], tip_forces=plan.tip_forces[:count], shape=plan.part(0, count)
+    )
+
+
+def test_importing_the_package_does_not_import_matplotlib():
+    code = "import sys, trunk_ocp, trunk_ocp.cli; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_every_figure_is_written_in_every_format_and_is_not_blank(tmp_path):
+    files = draw(plan_motion(arm(tmp_path, "position = [0.2, 0.1, 0.9]")), tmp_path)
+    names = {"shapes", "activations", "muscles-right", "muscles-left", "errors"}
+    assert {(file.stem, file.suffix) for file in files} == {
+        (name, suffix) for name in names for suffix in (".pdf", ".png")
+    }
+    for file in files:
+        if file.suffix == ".png":
+            picture = imread(file)[..., :3]
+            assert 0.01 <= np.mean(picture.min(axis=-1) < 0.95) <= 0.9
+        else:
+            assert file.read_bytes().startswith(b"%PDF")
+
+
+def test_the_same_plan_gives_the_same_bytes(tmp_path):
+    plan = planned("lift-log", "horizon")
+    first, second = (
+        errors.draw_errors(plan, tmp_path / name, ("pdf", "png")) for name in ("first", "second")
+    )
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+
+
+def test_settings_of_matplotlib_are_left_alone(tmp_path):
+    import matplotlib
+
+    before = {key: matplotlib.rcParams[key] for key in style.LOOK}
+    errors.draw_errors(planned("lift-log", "horizon"), tmp_path, ("png",))
+    assert {key: matplotlib.rcParams[key] for key in style.LOOK} == before
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_every_muscle_has_one_curve_through_its_activations(name):
+    plan = planned(name, "horizon")
+    figure = curves_of(plan.motion.name)
+    steps = plan.motion.times
+    for index, muscle in enumerate(plan.motion.trunk.subdomains):
+        (line,) = with_gid(figure, muscle.name)
+        at = np.searchsorted(line.get_xdata(), steps)
+        np.testing.assert_array_equal(line.get_ydata()[at], plan.activations[:, index])
+        assert line.get_color() == colours.MUSCLES[muscle.group]
+        assert line.get_linestyle() == {"R": "-", "L": ":"}[muscle.side]
+    for index in range(2):
+        (line,) = with_gid(figure, f"head {index}")
+        at = np.searchsorted(line.get_xdata(), steps)
+        np.testing.assert_array_equal(line.get_ydata()[at], np.degrees(plan.head[:, index]))
+
+
+def test_curves_between_steps_follow_the_interpolation():
+    plan = planned("pick-fruit", "horizon")
+    times = np.array([0.75, 1.51])  # halfway on a cosine; after step 1, which holds
+    np.testing.assert_allclose(instants.curves(plan, times)[0], plan.x[0] / 2, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(instants.curves(plan, times)[1], plan.x[0])
+    jump = instants.curve_times(plan)
+    before = jump[np.searchsorted(jump, plan.motion.times[1]) - 1]
+    np.testing.assert_array_equal(instants.curves(plan, np.array([before]))[0], plan.x[0])
+
+
+def test_bounds_drawn_are_those_of_the_motion():
+    plan = planned("lift-log", "horizon")
+    figure = curves_of(plan.motion.name)
+    stairs = [artist for artist in with_gid(figure, "bound") if isinstance(artist, StepPatch)]
+    drawn = {}
+    for artist in stairs:
+        drawn.setdefault(artist.axes.get_ylabel(), []).append(artist.get_data().values)
+    (line,) = with_gid(figure, "R3-dr")
+    of_axes = [a.get_data().values for a in stairs if a.axes is line.axes]
+    index = plan.motion.trunk.muscles.index("R3-dr")
+    lower = [step.box.lower[index] for step in plan.motion.steps]
+    assert any(np.array_equal(values, lower) for values in of_axes)
+    head = np.concatenate([v for key, values in drawn.items() if "psi" in key for v in values])
+    assert np.nanmin(head) == pytest.approx(-15.0)  # pi/12; free angles have no bound
+    assert np.isnan(head).any()
+
+
+def test_a_sequential_plan_keeps_the_bounds_that_are_drawn():
+    for name in MOTIONS:
+        plan = planned(name, "sequential")
+        lower, upper = limits(plan)
+        assert np.all(plan.x >= lower - 1e-6)
+        assert np.all(plan.x <= upper + 1e-6)
+
+
+def test_a_muscle_at_its_bound_stands_out():
+    plan = planned("lift-log", "horizon")
+    figure = curves_of(plan.motion.name)
+    below, above = touching(plan)
+    count = len(plan.motion.trunk.muscles)
+    assert below[:, :count].any()
+    for gid, touch in (("at lower bound", below), ("at upper bound", above)):
+        drawn = sum(len(line.get_xdata()) for line in with_gid(figure, gid))
+        assert drawn == touch[:, :count].sum()
+    index = plan.motion.trunk.muscles.index("R3-dr")
+    (curve,) = with_gid(figure, "R3-dr")
+    marked = [a for a in with_gid(figure, "at lower bound") if a.axes is curve.axes]
+    times = {time for line in marked for time in line.get_xdata()}
+    assert times >= set(plan.motion.times[below[:, index]])
+
+
+def test_a_muscle_that_may_not_move_is_not_saturated():
+    plan = planned("lift-log", "horizon")
+    index = plan.motion.trunk.muscles.index("R3-dl")  # fixed during the first phase
+    below, above = touching(plan)
+    assert not below[0, index]
+    assert not above[0, index]
+
+
+def test_colours_come_from_the_one_code():
+    plan = planned("lift-log", "horizon")
+    trunk = plan.motion.trunk
+    assert colours.group_colours(trunk) == colours.MUSCLES
+    with style.styled():
+        section = anatomy.sections_picture(trunk)
+        both = comparison.picture(planned("lift-log", "sequential"), plan)
+    for muscle in trunk.subdomains:
+        colour = colours.MUSCLES[muscle.group].lower()
+        (patch,) = with_gid(section, muscle.name)
+        assert to_hex(patch.get_facecolor()) == colour
+        (line,) = with_gid(both, f"horizon {muscle.name}")
+        assert to_hex(line.get_color()) == colour
+        assert len(with_gid(both, f"sequential {muscle.name}")) == 1
+
+
+def test_every_label_of_an_axis_has_a_unit():
+    plan = planned("lift-log", "horizon")
+    with style.styled():
+        pictures = [
+            shapes.picture(plan, rows_of(plan)),
+            curves_of("lift-log"),
+            errors.picture(plan),
+            comparison.picture(planned("lift-log", "sequential"), plan),
+            anatomy.sections_picture(plan.motion.trunk),
+        ]
+    units = ("(m)", "(cm)", "(mm)", "(s)", "(°)", "(no unit)", "(count)")
+    for figure in pictures:
+        labels = [label for a in figure.axes for label in (a.get_xlabel(), a.get_ylabel())]
+        labels = [label for label in labels if label]
+        assert labels
+        for label in labels:
+            assert label.endswith(units), label
+
+
+@pytest.mark.parametrize("name", ["lift-log", "lift-log-asymmetric"])
+def test_the_log_is_where_the_motion_says(name):
+    motion = planned(name, "horizon").motion
+    spec = motion.spec.phases[0].wrap
+    passive = solve_statics(motion.trunk, np.zeros(28))
+    passive_tip = passive.position(np.array([1.75]))[0]
+    for step, center in ((0, spec.center), (9, motion.spec.phases[2].wrap.path[-1])):
+        log = log_at(motion, step)
+        load = motion.spec.phases[2].loads.log
+        expected = passive_tip + center - np.array([0, load.offset, 0])
+        np.testing.assert_allclose(log.center, expected, rtol=0, atol=1e-4)
+        assert (log.radius, log.length) == (spec.log_radius, load.length)
+
+
+def test_an_offset_log_weighs_on_the_side_it_is_drawn():
+    """Its weight, at its middle, makes the couple of eq. (54) about the grip."""
+    motion = planned("lift-log-asymmetric", "horizon").motion
+    grip, log = log_at(planned("lift-log", "horizon").motion, 5), log_at(motion, 5)
+    loads = motion.steps[5].loads
+    couple = np.cross(log.center - grip.center, loads.contact_force)
+    np.testing.assert_allclose(couple, loads.contact_couple, rtol=0, atol=1e-9)
+
+
+def test_log_path_head_and_targets_are_drawn():
+    plan = planned("lift-log", "horizon")
+    rows = rows_of(plan)
+    with style.styled():
+        figure = shapes.picture(plan, rows)
+    assert len(with_gid(figure, "target")) == 3 * 3 * 6  # phases, views, points of the wrap
+    assert len(with_gid(figure, "head")) == 9
+    assert len(with_gid(figure, "log path")) == 6  # none while there is one step
+    side = with_gid(figure, "log path")[-3].get_xydata()
+    path = [log_at(plan.motion, step).center[[0, 2]] for step in range(1, 10)]
+    np.testing.assert_allclose(side, path, rtol=0, atol=1e-12)
+
+
+def test_the_fruit_is_drawn_where_the_motion_says():
+    plan = planned("pick-fruit", "horizon")
+    rows = rows_of(plan)
+    np.testing.assert_array_equal(rows[0].marks[0].target, (0.7, 0.3, -0.2))  # the fruit
+    np.testing.assert_array_equal(rows[2].marks[0].target, (-0.2, 0.0, 0.16))  # the mouth
+    assert [any(s.colour == shapes.CARGO for s in shapes.layer(plan, row, 0)) for row in rows] == [
+        False,
+        False,
+        True,
+    ]
+    with style.styled():
+        figure = shapes.picture(plan, rows)
+    assert any("8 kg at the tip" in text for text in texts(figure))
+
+
+def test_the_head_is_the_sphere_on_which_the_base_moves(trunk):
+    center, radius = head_sphere(trunk)
+    for angles in ((0.0, 0.0), (0.3, 0.0), (-0.2, 0.5)):
+        base, _ = base_pose(trunk.head, *angles)
+        assert np.linalg.norm(np.asarray(base) - center) == pytest.approx(radius, abs=1e-12)
+
+
+def test_space_is_drawn_with_equal_scales_and_down_is_down():
+    plan = planned("lift-log-asymmetric", "horizon")
+    with style.styled():
+        figure = shapes.picture(plan, rows_of(plan))
+    assert len(figure.axes) == 9
+    width, height = figure.get_size_inches()
+    scales = set()
+    for axes in figure.axes:
+        place = axes.get_position()
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert bottom > top
+        scales.add(round(place.width * width / abs(right - left), 6))
+        scales.add(round(place.height * height / abs(bottom - top), 6))
+        assert 0 <= place.x0 < place.x1 <= 1
+        assert 0 <= place.y0 < place.y1 <= 1
+    assert len(scales) == 1
+
+
+def test_views_are_right_handed_and_bodies_closed():
+    for view in VIEWS:
+        right = -view.across if view.mirrored else view.across
+        np.testing.assert_allclose(np.cross(right, -view.down), view.out, rtol=0, atol=1e-12)
+    for facets in (cylinder(np.ones(3), 0.1, 0.5), ball(np.ones(3), 0.2)):
+        normals = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
+        np.testing.assert_allclose(normals.sum(axis=0), 0, rtol=0, atol=1e-12)
+        assert np.all(np.sum(normals * (facets.mean(axis=1) - 1), axis=1) >= 0)  # outwards
+
+
+def test_muscles_are_coloured_by_the_strength_of_their_activation():
+    plan = planned("lift-log", "horizon")
+    moments = instants.instants(plan, instants.through(plan))
+    assert len(moments) == 5
+    np.testing.assert_array_equal(moments[-1].activation, plan.activations[-1])
+    with style.styled():
+        figure = muscles.picture(plan, moments, "R")
+    bodies = figure.findobj(PolyCollection)
+    groups = len(colours.groups(plan.motion.trunk))
+    assert len([b for b in bodies if len(b.get_paths()) > 50]) >= 5 * groups
+    assert muscles.strongest(plan) == 3.5
+
+
+def test_errors_drawn_are_the_plans_in_mm():
+    plan = planned("lift-log", "horizon")
+    with style.styled():
+        figure = errors.picture(plan)
+    (worst, direction) = with_gid(figure, "worst")
+    np.testing.assert_allclose(
+        worst.get_ydata(), [1e3 * e.position.max() for e in plan.errors], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        direction.get_ydata(), [e.direction.max() for e in plan.errors], rtol=1e-12
+    )
+    labels = [line.get_label() for line in figure.axes[0].lines]
+    assert sum(label.startswith("Z = ") for label in labels) == 6
+
+
+def test_a_comparison_shows_cost_change_and_bounds_of_both():
+    plans = planned("lift-log", "sequential"), planned("lift-log", "horizon")
+    with style.styled():
+        figure = comparison.picture(*plans)
+    for plan in plans:
+        cost, change, at_bound = with_gid(figure, plan.mode)
+        np.testing.assert_allclose(cost.get_ydata(), [e.paper for e in plan.errors])
+        steps = np.abs(np.diff(plan.activations, axis=0)).max(axis=1)
+        np.testing.assert_array_equal(change.get_ydata(), steps)
+        np.testing.assert_array_equal(at_bound.get_ydata(), touching(plan)[0][:, :-2].sum(axis=1))
+        assert any(f"J = {plan.objective.paper:.3g}" in text for text in texts(figure))
+
+
+def drawn(plan, folder):
+    """Every figure of a plan, as PNG."""
+    draw_comparison(plan, plan, folder, ("png",))
+    return {file.stem for file in draw(plan, folder, ("png",))}
+
+
+def test_another_trunk_has_colours_of_its_own_and_no_head(tmp_path):
+    plan = plan_motion(arm(tmp_path, "position = [0.2, 0.1, 0.9]\nd3 = [0.0, 0.0, 1.0]"))
+    assert len(set(colours.group_colours(plan.motion.trunk).values())) == 2
+    assert head_sphere(plan.motion.trunk) is None
+    assert "muscles-left" in drawn(plan, tmp_path)
+    assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 2
+
+
+def test_names_are_not_taken_for_formulae(tmp_path):
+    motion = arm(tmp_path, "position = [0.2, 0.1, 0.9]")
+    phases = (replace(motion.phases[0], name="for $5, or $^"),)
+    plan = plan_motion(replace(motion, phases=phases))
+    assert len(errors.draw_errors(plan, tmp_path, ("png",))) == 1
+
+
+def test_a_trunk_without_muscles_is_drawn(tmp_path):
+    plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", ROD[: ROD.index("muscles")]))
+    assert drawn(plan, tmp_path) == {"shapes", "activations", "errors"}
+    assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 1
+
+
+def test_a_motion_of_directions_only_is_drawn(tmp_path):
+    plan = plan_motion(arm(tmp_path, "d1 = [0.95, 0.0, -0.3]\nd2 = [0.0, 1.0, 0.0]"))
+    assert "errors" in drawn(plan, tmp_path)
+
+
+def test_a_plan_cut_short_or_empty_is_drawn(tmp_path):
+    plan = plan_motion(load_motion(written(tmp_path, POINT)))
+    assert "activations" in drawn(empty(plan), tmp_path)
+    with style.styled():
+        figure = activations.picture(cut(plan, 3))
+    (line,) = with_gid(figure, "R1-dl")
+    assert line.get_xdata()[-1] == plan.motion.times[2]
+
+
+def test_a_plan_that_did_not_converge_is_drawn(tmp_path):
+    motion = arm(tmp_path, "position = [0.2, 0.1, 0.9]")
+    plan = plan_motion(replace(motion, extension=(1.4, 1.5)))  # contraction can do no such thing
+    assert plan.status is Status.NOT_CONVERGED
+    assert "shapes" in drawn(plan, tmp_path)
+
+
+def test_shapes_that_cannot_be_had_are_left_out():
+    plan = plan_motion(first_steps("lift-log", 2), lookahead=1)
+    lost = replace(plan, x=np.full_like(plan.x, np.nan))
+    assert [instant.time for instant in instants.instants(lost, np.array([0.5]))] == []

@@ -1,0 +1,490 @@
+"""The page of a motion, in a real browser: headless Chromium, with WebGL in software.
+
+Screenshots are kept in the folder that TRUNK_OCP_SCREENSHOTS names, or else in pytest's own.
+"""
+
+import base64
+import json
+import os
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plans import POINT, TOUCH, planned, written
+
+from trunk_ocp.errors import InputError
+from trunk_ocp.geometry import muscle_body
+from trunk_ocp.motion import build_motion, load_motion
+from trunk_ocp.page import write_page
+from trunk_ocp.page.bundle import embedded
+from trunk_ocp.page.payload import MOST, instants, payload
+from trunk_ocp.planner import plan_motion
+
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+ARGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
+LARGEST = 3_000_000  # bytes of a page
+
+# A trunk of two segments that no paper knows: its own group, on one side, up to the centre.
+OTHER_TRUNK = """
+name = "other"
+length = 1.0
+base_radius_over_length = 0.1
+
+[material]
+youngs_modulus = 1.0e6
+poisson_ratio = 0.5
+density = 1000.0
+
+[[segments]]
+Z_over_length = [0.0, 0.5]
+
+[[segments]]
+Z_over_length = [0.5, 1.0]
+"""
+OTHER_MUSCLE = """
+muscles = [
+  { group = "core_1", architecture = "longitudinal", radii_over_length = [0.0, 0.08], \
+sector = [0.2, 1.5], sides = ["R"] },
+]
+"""
+EVIL = "</script><script>window.evil = 1</script><img src=x onerror='window.evil = 2'>&amp;{{data}}"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        pytest.fail("the page's tests need playwright: pip install playwright")
+    if not shutil.which(CHROMIUM):
+        pytest.fail(f"the page's tests need Chromium at {CHROMIUM}: apt-get install chromium")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("page")
+
+
+@pytest.fixture(scope="module")
+def pages(folder):
+    """Pages by name."""
+    both = [planned("lift-log", mode) for mode in ("sequential", "horizon")]
+    return {
+        "both": write_page(both, folder / "both" / "motion.html"),
+        "fruit": write_page([planned("pick-fruit", "sequential")], folder / "motion.html"),
+    }
+
+
+@pytest.fixture
+def visit(browser, request, tmp_path):
+    """Open a page, which does not start by itself; no fault and no request may come of it."""
+    faults, tabs = [], []
+
+    def console(message):
+        if message.type == "error":
+            faults.append(message.text)
+
+    def requested(request):
+        if not request.url.startswith("file://") or not request.url.endswith(".html"):
+            faults.append(f"asked for {request.url}")
+
+    def opened(path, size=LAPTOP, **options):
+        context = browser.new_context(
+            viewport=size, offline=True, reduced_motion="reduce", **options
+        )
+        tab = context.new_page()
+        tab.on("console", console)
+        tab.on("pageerror", lambda error: faults.append(str(error)))
+        tab.on("request", requested)
+        tab.goto(path.as_uri())
+        tab.wait_for_selector("body[data-ready]")
+        tabs.append(tab)
+        return tab
+
+    yield opened
+    shots = Path(os.environ.get("TRUNK_OCP_SCREENSHOTS", tmp_path))
+    shots.mkdir(parents=True, exist_ok=True)
+    for number, tab in enumerate(tabs):
+        name = re.sub(r"\W+", "-", request.node.name).strip("-")
+        tab.screenshot(path=shots / f"{name}-{number}.png", full_page=True)
+        tab.context.close()
+    assert not faults
+
+
+def settled(tab):
+    """Wait until what was asked for is drawn."""
+    tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+
+
+def until(tab, condition):
+    """Wait for a condition; the page's own policy forbids what playwright would do."""
+    tab.evaluate(
+        f"""() => new Promise((done) => {{
+          const look = () => ({condition} ? done() : requestAnimationFrame(look));
+          look();
+        }})"""
+    )
+
+
+def picture(tab):
+    settled(tab)
+    return tab.locator("#canvas").screenshot()
+
+
+def curve(tab, name, plot=0):
+    return tab.locator(f".curve[data-muscle={name}]").nth(plot)
+
+
+def plan_of(folder, anatomy):
+    """A plan of the smallest motion for another trunk."""
+    (folder / "other.toml").write_text(anatomy)
+    text = TOUCH.replace('name = "touch"', 'name = "touch"\nanatomy = "other.toml"', 1)
+    text = text.replace("1.75", "1.0").replace("[0.6, 0.1, 1.2]", "[0.05, 0.02, 0.98]")
+    return plan_motion(load_motion(written(folder, text)), lookahead=1)
+
+
+def test_a_page_is_one_file_without_a_link_elsewhere(pages):
+    for path in pages.values():
+        text = path.read_text(encoding="utf-8")
+        assert path.stat().st_size <= LARGEST
+        assert not re.search(r"<(script|img|link|iframe)[^>]+(src|href)=", text)
+        assert "Permission is hereby granted" in text  # three.js travels with its licence
+        assert not re.search(r"^(import|export) ", text, re.MULTILINE)
+
+
+def test_the_animation_advances_and_ends(visit, pages, record_property):
+    tab = visit(pages["fruit"])
+    first = picture(tab)
+    tab.get_by_role("button", name="Play").click()
+    until(tab, "trunkPage.clock.time > 0.3")
+    before = tab.evaluate("trunkPage.clock.frames")
+    tab.wait_for_timeout(1000)
+    rate = tab.evaluate("trunkPage.clock.frames") - before
+    record_property("frames_per_second", rate)
+    print(f"{rate} frames a second, drawn in software")
+    tab.get_by_role("button", name="Pause").click()
+    assert picture(tab) != first
+    tab.evaluate("trunkPage.seek(trunkPage.clock.duration - 0.05); trunkPage.clock.play()")
+    until(tab, "!trunkPage.clock.playing")
+    assert tab.evaluate("trunkPage.clock.time === trunkPage.clock.duration")
+
+
+def test_nothing_is_drawn_while_nothing_changes(visit, pages):
+    tab = visit(pages["fruit"])
+    picture(tab)
+    before = tab.evaluate("trunkPage.clock.frames")
+    tab.wait_for_timeout(300)
+    assert tab.evaluate("trunkPage.clock.frames") == before
+
+
+def test_scrubbing_changes_what_is_drawn(visit, pages):
+    tab = visit(pages["fruit"])
+    start = picture(tab)
+    assert picture(tab) == start
+    tab.get_by_role("slider", name="Time").fill("2.5")
+    assert picture(tab) != start
+    assert tab.locator("#now").inner_text() == "2.50 of 4.17 s"
+    assert tab.locator("#phase").inner_text() == "eat"
+    panel = tab.locator("#plots svg").first.bounding_box()
+    tab.mouse.click(panel["x"] + panel["width"] / 2, panel["y"] + panel["height"] - 8)
+    assert 1 < tab.evaluate("trunkPage.clock.time") < 3.2
+
+
+def test_groups_and_sides_are_shown_and_hidden(visit, pages):
+    tab = visit(pages["both"])
+    everything = picture(tab)
+    for box, muscle in (("dl", "R1-dl"), ("left (dashed)", "L2-vr")):
+        choice = tab.get_by_role("checkbox", name=box, exact=True)
+        choice.uncheck()
+        assert picture(tab) != everything
+        assert not curve(tab, muscle).is_visible()
+        choice.check()
+        assert picture(tab) == everything
+        assert curve(tab, muscle).is_visible()
+
+
+def test_colours_by_group_or_activation(visit, pages):
+    tab = visit(pages["both"])
+    by_activation = picture(tab)
+    tab.get_by_label("Colour of the muscles", exact=True).select_option("group")
+    assert picture(tab) != by_activation
+    assert not tab.locator("#legend").is_visible()
+    colors = tab.evaluate("[...trunkPage.look.colors]")
+    assert ["dl", "#0072B2"] in colors
+    assert ["vr", "#CC79A7"] in colors
+
+
+def test_a_clicked_muscle_stands_out_in_the_plots(visit, pages):
+    tab = visit(pages["both"])
+    box = tab.locator("#canvas").bounding_box()
+    at = tab.evaluate(
+        """() => {
+          const { stage } = trunkPage;
+          const mesh = stage.scenes[1].muscles.find((one) => one.userData.muscle.name === "R1-dl");
+          const points = mesh.geometry.attributes.position.array;
+          const middle = 3 * (12 * mesh.userData.tube.corners.count + 5);
+          return stage.pointAt(1, points.slice(middle, middle + 3));
+        }"""
+    )
+    tab.mouse.click(box["x"] + at[0], box["y"] + at[1])
+    settled(tab)
+    assert tab.evaluate("trunkPage.look.selected") == "R1-dl"
+    for plot in (0, 1):
+        chosen = curve(tab, "R1-dl", plot).evaluate("one => getComputedStyle(one).strokeWidth")
+        other = curve(tab, "R1-ovo", plot).evaluate("one => getComputedStyle(one).strokeWidth")
+        assert float(chosen[:-2]) > 2 * float(other[:-2])
+    assert "Horizon" in tab.locator("#selected").inner_text()
+    tab.mouse.click(box["x"] + 3, box["y"] + box["height"] / 2)  # beside it
+    assert tab.evaluate("trunkPage.look.selected") is None
+
+
+def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
+    tab = visit(pages["both"])
+    before = picture(tab)
+    name = "R3-dr"
+    x, y = curve(tab, name).evaluate(
+        """(one) => {
+          const point = one.points[Math.round(0.2 * one.points.length)];
+          const box = one.ownerSVGElement.getBoundingClientRect();
+          return [box.x + point.x, box.y + point.y];
+        }"""
+    )
+    tab.mouse.click(x, y)
+    selected = tab.evaluate("trunkPage.look.selected")
+    assert selected in (name, "L3-dr")  # they coincide where both are at their bound
+    assert picture(tab) != before
+    opaque = tab.evaluate(
+        """trunkPage.stage.scenes[0].muscles
+          .filter((mesh) => !mesh.material.transparent).map((mesh) => mesh.userData.muscle.name)"""
+    )
+    assert opaque == [selected]
+    tab.keyboard.press("Escape")
+    assert picture(tab) == before
+
+
+def test_two_plans_move_side_by_side_in_step(visit, pages):
+    tab = visit(pages["both"])
+    views = tab.evaluate("trunkPage.stage.views")
+    assert len(views) == 2
+    assert views[0]["x"] != views[1]["x"]
+    assert tab.locator("#labels strong").all_inner_texts() == ["Sequential", "Horizon"]
+    tab.evaluate("trunkPage.seek(2)")
+    settled(tab)
+    tips = tab.evaluate(
+        "trunkPage.stage.scenes.map((scene) => [...scene.sections.position.slice(-3)])"
+    )
+    for tip, mode in zip(tips, ("sequential", "horizon"), strict=True):
+        expected = planned("lift-log", mode).sample(2.0).shape.position([1.75])[0]
+        assert tip == pytest.approx(expected, abs=2e-3)  # between samples
+
+
+def test_vertices_agree_with_geometry(visit, pages):
+    tab = visit(pages["both"])
+    plan = planned("lift-log", "horizon")
+    for number in (0, 20, -1):
+        t = float(instants(plan)[number])
+        tab.evaluate("t => trunkPage.seek(t)", t)
+        settled(tab)
+        shape = plan.sample(t).shape
+        shape = replace(
+            shape, **{k: getattr(shape, k)[None] for k in ("states", "edges", "slopes")}
+        )
+        for i in (0, 1, 8, 13, 20, 27):
+            rings, points = tab.evaluate(
+                """(i) => {
+                  const mesh = trunkPage.stage.scenes[1].muscles[i];
+                  const { first, last } = mesh.userData.tube;
+                  return [last - first + 1, [...mesh.geometry.attributes.position.array]];
+                }""",
+                i,
+            )
+            muscle = plan.motion.trunk.subdomains[i]
+            exact = muscle_body(plan.motion.trunk, muscle, shape, rings).vertices[0]
+            found = np.reshape(points, (-1, 3))
+            off = np.linalg.norm(found[:, None] - exact, axis=-1).min(axis=1)
+            assert off.max() < 1e-4
+            assert np.ptp(found, axis=0) == pytest.approx(np.ptp(exact, axis=0), abs=3e-3)
+
+
+def test_keys(visit, pages):
+    tab = visit(pages["both"])
+    time = "trunkPage.clock.time"
+    tab.keyboard.press("Space")
+    assert tab.evaluate("trunkPage.clock.playing")
+    tab.keyboard.press("Space")
+    assert not tab.evaluate("trunkPage.clock.playing")
+    tab.keyboard.press("End")
+    assert tab.evaluate(time) == pytest.approx(2.4)
+    tab.keyboard.press("ArrowLeft")
+    assert tab.evaluate(time) == pytest.approx(2.36)
+    tab.keyboard.press("Home")
+    assert tab.evaluate(time) == 0
+    tab.keyboard.press("Shift+ArrowRight")
+    assert tab.evaluate(time) == pytest.approx(1.0)  # the first time step
+    before = picture(tab)
+    for key in "dw+":
+        tab.keyboard.press(key)
+    assert picture(tab) != before
+    tab.keyboard.press("r")
+    assert picture(tab) == before
+    tab.keyboard.press("?")
+    assert tab.get_by_role("dialog").is_visible()
+    tab.keyboard.press("Escape")
+    assert not tab.locator("#help").is_visible()
+
+
+def test_everything_that_can_be_used_has_a_name(visit, pages):
+    tab = visit(pages["both"])
+    nameless = tab.evaluate(
+        """[...document.querySelectorAll("button, input, select, canvas, svg")].filter((one) =>
+          !one.getAttribute("aria-label") && !one.labels?.length && !one.textContent.trim()
+        ).map((one) => one.outerHTML)"""
+    )
+    assert nameless == []
+
+
+def test_orbit_and_zoom(visit, pages):
+    tab = visit(pages["fruit"])
+    before = picture(tab)
+    box = tab.locator("#canvas").bounding_box()
+    tab.mouse.move(box["x"] + 300, box["y"] + 200)
+    tab.mouse.down()
+    tab.mouse.move(box["x"] + 420, box["y"] + 160, steps=4)
+    tab.mouse.up()
+    turned = picture(tab)
+    assert turned != before
+    assert tab.evaluate("trunkPage.look.selected") is None  # a drag is no click
+    tab.mouse.wheel(0, -300)
+    assert picture(tab) != turned
+    tab.get_by_role("button", name="Reset view").click()
+    assert picture(tab) == before
+
+
+@pytest.mark.parametrize("name", ["both", "fruit"])
+def test_a_phone_needs_no_sideways_scrolling(visit, pages, name):
+    tab = visit(pages[name], PHONE, has_touch=True, is_mobile=True)
+    tab.evaluate("trunkPage.seek(2)")
+    settled(tab)
+    assert tab.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    for control in ("#canvas", "#play", "#time", "#help-button"):
+        box = tab.locator(control).bounding_box()
+        assert box["x"] >= 0
+        assert box["x"] + box["width"] <= PHONE["width"]
+        assert box["y"] + box["height"] <= PHONE["height"]
+    assert min(view["width"] for view in tab.evaluate("trunkPage.stage.views")) >= 180
+
+
+def test_a_title_cannot_inject_anything(visit, tmp_path):
+    motion = load_motion(written(tmp_path, TOUCH))
+    spec = motion.spec.model_copy(update={"title": EVIL})
+    plan = plan_motion(build_motion(spec, motion.anatomy), lookahead=1)
+    tab = visit(write_page([plan], tmp_path / "evil.html"))
+    assert tab.evaluate("window.evil === undefined")
+    assert tab.title() == EVIL
+    assert tab.locator("h1").inner_text() == EVIL
+
+
+@pytest.mark.parametrize("muscle", ["", OTHER_MUSCLE], ids=["no muscles", "one muscle"])
+def test_other_trunks(visit, tmp_path, muscle):
+    plan = plan_of(tmp_path, OTHER_TRUNK + muscle)
+    tab = visit(write_page([plan], tmp_path / "other.html"))
+    start = picture(tab)
+    tab.keyboard.press("End")
+    assert picture(tab) != start
+    assert tab.locator(".curve").count() == bool(muscle)
+    assert tab.locator("#legend").is_visible() == bool(muscle)
+    assert tab.locator("#plots").inner_text().count("no muscles") == (not muscle)
+
+
+def test_a_motion_without_log_or_fruit(visit, tmp_path):
+    plan = plan_motion(load_motion(written(tmp_path, POINT)), lookahead=1)
+    tab = visit(write_page([plan], tmp_path / "point.html"))
+    assert tab.evaluate("trunkPage.plans[0].objects") == []
+    assert tab.get_by_label("objects").count() == 0
+    assert tab.evaluate("trunkPage.plans[0].targets.length") == 3
+
+
+def test_log_and_fruit_are_where_the_motion_has_them():
+    (log,) = payload([planned("lift-log", "sequential")])["plans"][0]["objects"]
+    assert (log["kind"], log["length"]) == ("log", 0.875)
+    plan = planned("pick-fruit", "sequential")
+    (fruit,) = payload([plan])["plans"][0]["objects"]
+    assert fruit["mass"] == 8.0
+    tip = plan.sample(instants(plan)[-1]).shape
+    reach = np.array([1.75])
+    expected = tip.position(reach) + fruit["radius"] * tip.directors(reach)[:, 2]
+    assert decoded(fruit["centre"])[-1] == pytest.approx(expected[0], abs=1e-5)
+    assert decoded(fruit["centre"])[0] == pytest.approx(
+        [0.7, 0.3, -0.2 - fruit["radius"]], abs=2e-3
+    )
+
+
+def test_log_hangs_where_its_couple_says():
+    plan = planned("lift-log-asymmetric", "sequential")
+    (log,) = payload([plan])["plans"][0]["objects"]
+    load = plan.loads[-1]
+    arm = decoded(log["centre"])[-1] - grip(plan)
+    turn = np.cross(arm, load.contact_force)
+    assert turn == pytest.approx(load.contact_couple, abs=1e-3)
+
+
+def grip(plan):
+    """Centre of the arc of the last step, from the motion's own numbers: p(t = 1) of its path."""
+    rest = plan.sample(0.0).shape.position([1.75])[0]
+    return rest + plan.motion.spec.phases[-1].wrap.path[-1]
+
+
+def decoded(text):
+    return np.frombuffer(base64.b64decode(text), "<f4").reshape(-1, 3)
+
+
+def test_a_plan_cut_short_is_shown_as_far_as_it_goes(visit, tmp_path):
+    whole = planned("lift-log", "sequential")
+    short = replace(whole, x=whole.x[:3], tip_forces=whole.tip_forces[:3], shape=whole.part(0, 3))
+    tab = visit(write_page([short, whole], tmp_path / "short.html"))
+    tab.keyboard.press("End")
+    settled(tab)
+    assert tab.evaluate("trunkPage.plans.map((plan) => plan.duration)") == pytest.approx(
+        [whole.motion.times[2], 2.4]
+    )
+
+
+def test_samples_are_few_and_include_the_steps():
+    plan = planned("pick-fruit", "sequential")
+    times = instants(plan)
+    assert len(times) <= MOST
+    assert np.isin(plan.motion.times, times).all()
+
+
+def test_embedded_json_keeps_its_value_and_ends_no_script():
+    data = {"title": EVIL, "sep": "\u2028"}
+    text = embedded(data)
+    assert json.loads(text) == data
+    assert not set("<>&") & set(text)
+
+
+def test_wrong_plans_are_refused(tmp_path):
+    plan = planned("lift-log", "sequential")
+    empty = replace(plan, x=plan.x[:0], tip_forces=plan.tip_forces[:0], shape=plan.part(0, 0))
+    for plans in ([], [plan] * 3, [empty]):
+        with pytest.raises(InputError, match="plans"):
+            write_page(plans, tmp_path / "never.html")
+    assert not list(tmp_path.iterdir())

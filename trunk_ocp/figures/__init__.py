@@ -1,0 +1,54 @@
+"""The paper's figures 3 to 9 from our own plans, for print: vector PDF and PNG.
+
+Matplotlib is imported here and nowhere else; without a screen and without touching its settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..anatomy import Trunk
+from ..solution import Plan
+from .activations import draw_activations
+from .anatomy import draw_anatomy as _draw_anatomy
+from .comparison import draw_two_plans
+from .errors import draw_errors
+from .film import write_film
+from .muscles import draw_muscles
+from .shapes import draw_shapes
+
+__all__ = ["draw", "draw_anatomy", "draw_comparison", "write_film"]
+
+FORMATS = ("pdf", "png")
+
+
+def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Draw one plan: shapes (m), activations (no unit), muscles and errors (mm).
+
+    The paper's figures 4, 6, 8 (shapes, activations and head angles) and 5, 7, 9 (muscles);
+    the paper has none of errors. Returns the files written. A plan that was cut short or did
+    not converge is drawn as far as it goes.
+    """
+    path = Path(folder)
+    parts = (draw_shapes, draw_activations, draw_muscles, draw_errors)
+    return [file for part in parts for file in part(plan, path, formats)]
+
+
+def draw_comparison(
+    sequential: Plan, horizon: Plan, folder: str | Path, formats: Sequence[str] = FORMATS
+) -> list[Path]:
+    """Draw two plans of one motion over each other; activations and J_T (eq. 42) have no unit.
+
+    Beyond the paper's figures 4d, 6c and 8f: largest change from step to step, and how many
+    muscles are at their bound. Returns the files written.
+    """
+    return draw_two_plans(sequential, horizon, Path(folder), formats)
+
+
+def draw_anatomy(trunk: Trunk, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
+    """Draw where a trunk's muscles are: cross-sections in cm, bodies in m (figs. 3b-d).
+
+    Returns the files written.
+    """
+    return _draw_anatomy(trunk, Path(folder), formats)

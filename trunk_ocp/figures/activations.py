@@ -1,0 +1,160 @@
+"""Muscles and head through a motion, with their bounds (figs. 4d-e, 6c-d, 8e-f)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..colours import group_colours, groups
+from ..motion import HEAD_LIMIT, Motion
+from ..solution import Plan
+from . import style
+from .instants import curve_times, curves, end_of
+from .limits import limits, touching
+
+HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nupwards, $\\psi_Y$ (°)")
+
+
+def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw activations (no unit) and head angles (deg) over time (figs. 4d-e, 6c-d, 8e-f).
+
+    Rows are muscle groups, columns segments; right solid, left dotted; contraction upwards.
+    Grey steps are the motion's bounds, dots its time steps, squares those at a bound: filled at
+    full contraction, small and empty at the other. Head angles without bounds have none drawn.
+    """
+    with style.styled():
+        return style.save(picture(plan), folder, "activations", formats)
+
+
+def picture(plan: Plan) -> Figure:
+    """The figure that `draw_activations` writes."""
+    trunk = plan.motion.trunk
+    rows = len(groups(trunk))
+    height = 27.0 * rows + 30 + 24
+    figure = style.new_figure(height)
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode})")
+    grids = figure.add_gridspec(
+        2, 1, height_ratios=[max(27.0 * rows, 1e-3), 24], hspace=12 / (13.5 * rows + 12),
+        left=0.085, right=0.985, top=1 - 18 / height, bottom=10 / height,
+    )  # fmt: skip
+    if rows:
+        panels = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
+        muscle_panels(figure, panels.subplots(squeeze=False, sharex=True, sharey=True), plan)
+    heads = grids[1].subgridspec(1, 2, wspace=0.22).subplots(squeeze=False)[0]
+    for index, axes in enumerate(heads):
+        _head_panel(axes, plan, index)
+    _legend(figure, plan.motion)
+    return figure
+
+
+def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
+    """Fill panels (groups, segments) with a plan's activations, bounds and time steps."""
+    trunk = plan.motion.trunk
+    times = curve_times(plan)
+    values = curves(plan, times)
+    for row, group in enumerate(groups(trunk)):
+        for segment in range(trunk.segments):
+            axes = panels[row, segment]
+            _furnish(axes, plan, row, segment, len(panels))
+            style.say_if_none(axes, trunk, group, segment)
+            for index, muscle in style.muscles_of(trunk, group, segment):
+                line = style.SIDES[muscle.side][1]
+                colour = group_colours(trunk)[group]
+                axes.plot(times, values[:, index], line, color=colour, zorder=3, gid=muscle.name)
+                _steps(axes, plan, index, colour, values[0, index])
+        panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)", color=style.INK)
+    if panels.size:
+        lower, upper = _range(plan)
+        panels[0, 0].set_ylim(upper, lower)  # shared: contraction, which is negative, upwards
+
+
+def _furnish(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
+    style.shade_phases(axes, plan.motion, end_of(plan))
+    if row == 0:
+        axes.set_title(f"segment {segment + 1}")
+    if row == rows - 1:
+        axes.set_xlabel("time (s)")
+
+
+def _range(plan: Plan) -> tuple[float, float]:
+    """Least and largest activation any panel shows, with a margin."""
+    count = len(plan.motion.trunk.muscles)
+    lower, upper = limits(plan)
+    values = [lower[:, :count], upper[:, :count], plan.activations, np.zeros((1, count))]
+    every = np.concatenate([value.ravel() for value in values])
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+    margin = 0.08 * (high - low or 1.0)
+    return low - margin, high + margin
+
+
+def _steps(axes: Axes, plan: Plan, index: int, colour: str, start: float) -> None:
+    """Time steps as dots, those at a bound as squares: full at the lower, empty at the upper.
+
+    The lower bound is that of contraction; the upper is mostly rest, and no news.
+    """
+    times = plan.motion.times[: len(plan.x)]
+    value = plan.x[:, index]
+    below, above = (at[:, index] for at in touching(plan))
+    free = ~(below | above)
+    axes.plot([0, *times[free]], [start, *value[free]], ".", color=colour, markersize=2.5,
+              zorder=3.5)  # fmt: skip
+    for touch, size, face, gid in (
+        (above, 2.2, "white", "at upper bound"),
+        (below, 3.8, colour, "at lower bound"),
+    ):
+        axes.plot(
+            times[touch], value[touch], "s", markersize=size, markerfacecolor=face,
+            markeredgecolor="k" if touch is below else colour, markeredgewidth=0.6,
+            zorder=4, clip_on=False, gid=gid,
+        )  # fmt: skip
+    draw_bounds(axes, plan, index)
+
+
+def draw_bounds(axes: Axes, plan: Plan, index: int, factor: float = 1.0) -> None:
+    """Draw the motion's bounds on one unknown, times a factor, each step's over its duration."""
+    times = np.append(0.0, plan.motion.times[: len(plan.x)])
+    for bound in limits(plan):
+        if len(plan.x):
+            values = bound[:, index]
+            if index >= len(plan.motion.trunk.muscles):  # what no head can reach is no bound
+                values = np.where(np.abs(values) == HEAD_LIMIT, np.nan, values)
+            axes.stairs(
+                factor * values, times, baseline=None, **style.BOUND, zorder=2, gid="bound",
+            )  # fmt: skip
+
+
+def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
+    times = curve_times(plan)
+    column = len(plan.motion.trunk.muscles) + index
+    style.shade_phases(axes, plan.motion, end_of(plan))
+    degrees = np.degrees(curves(plan, times)[:, column])
+    axes.plot(times, degrees, color="k", zorder=3, gid=f"head {index}")
+    steps, value = plan.motion.times[: len(plan.x)], np.degrees(plan.x[:, column])
+    below, above = (at[:, column] for at in touching(plan))
+    touch = below | above
+    axes.plot(steps[~touch], value[~touch], ".", color="k", markersize=2.5, zorder=3.5)
+    axes.plot(steps[touch], value[touch], "s", color="k", markersize=3.6, zorder=4, clip_on=False)
+    draw_bounds(axes, plan, column, float(np.degrees(1.0)))
+    axes.set_xlabel("time (s)")
+    axes.margins(y=0.1)
+    axes.set_ylabel(HEAD_NAMES[index])
+
+
+def _legend(figure: Figure, motion: Motion) -> None:
+    ink = style.INK
+    handles = [
+        Line2D([], [], color=ink, label="right"),
+        Line2D([], [], color=ink, linestyle=":", label="left"),
+        Line2D([], [], **style.BOUND, label="bound"),
+        Line2D([], [], color=ink, marker=".", linestyle="", markersize=3, label="time step"),
+        Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8,
+               label="at its bound of contraction"),
+        Line2D([], [], color="white", marker="s", linestyle="", markersize=2.2,
+               markeredgecolor=ink, markeredgewidth=0.6, label="at the other bound"),
+    ]  # fmt: skip
+    style.legend_above(figure, handles, style.phase_keys(motion))

@@ -1,0 +1,148 @@
+"""Where a trunk's muscles are: cross-sections and an exploded view (figs. 3b-d)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Patch, Polygon
+
+from ..anatomy import Muscle, Trunk
+from ..colours import group_colours, groups
+from ..geometry import muscle_body, outline
+from ..loads import Loads
+from ..statics import Shape, solve_statics
+from . import style
+from .scene import Surface, extent, facets_of, frame, measure, paint, towards
+
+# The trunk lies on paper with its base at the left: in its own axes d3 points right and d1,
+# the dorsal side, up.
+DORSAL = towards("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
+BESIDE = towards("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
+SECTIONS = 12
+APART = 0.12  # of the trunk's length, between exploded segments
+OUTWARDS = 1.1  # of the base radius, by which exploded muscles leave the axis
+
+
+def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw cross-sections in cm (fig. 3b), dorsal views (fig. 3c), an exploded view (fig. 3d)."""
+    with style.styled():
+        paths = style.save(sections_picture(trunk), folder, "anatomy-sections", formats)
+        if trunk.subdomains:
+            paths += style.save(bodies_picture(trunk), folder, "anatomy-exploded", formats)
+    return paths
+
+
+def sections_picture(trunk: Trunk) -> Figure:
+    """Cross-sections of every segment, in cm, all to one scale."""
+    width = min(style.WIDTH, 60.0 * trunk.segments)
+    height = width / trunk.segments + 16
+    figure = style.new_figure(height, width)
+    grid = figure.add_gridspec(
+        1, trunk.segments, left=12 / width, right=1 - 2 / width, top=1 - 14 / height,
+        bottom=8 / height, wspace=0.18,
+    )  # fmt: skip
+    panels = grid.subplots(squeeze=False, sharex=True, sharey=True)[0]
+    for segment, axes in enumerate(panels):
+        _section(axes, trunk, segment)
+    panels[0].set_ylabel("$d_1$, dorsal (cm)")
+    figure.legend(
+        handles=_key(trunk), loc="upper center", ncols=3 if width > 100 else 2,
+        handlelength=1, columnspacing=1,
+    )  # fmt: skip
+    return figure
+
+
+def _key(trunk: Trunk) -> list[Patch]:
+    names = group_colours(trunk).items()
+    return [
+        Patch(color=c, label=f"{g}: {style.full_name(g)}" if g in style.NAMES else g)
+        for g, c in names
+    ]
+
+
+def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
+    """A segment's muscles where it starts, looked at from the base: right is on the right."""
+    start = trunk.edges[segment]
+    to_cm = 100 * float(trunk.taper(start))
+    radius = to_cm * trunk.base_radius
+    axes.add_patch(Circle((0, 0), radius, facecolor="#F4F4F4", edgecolor=style.INK, linewidth=0.6))
+    for muscle in trunk.subdomains:
+        if muscle.segment == segment:
+            colour = group_colours(trunk)[muscle.group]
+            corners = to_cm * outline(muscle)[:, ::-1]
+            axes.add_patch(
+                Polygon(
+                    corners, facecolor=colour, edgecolor="white", linewidth=0.5, gid=muscle.name
+                )
+            )
+    reach = 105 * trunk.base_radius
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal")
+    axes.set_title(f"segment {segment + 1}, from Z = {start:.3g} m")
+    axes.set_xlabel("$d_2$, right (cm)")
+
+
+def bodies_picture(trunk: Trunk) -> Figure:
+    """Left: each group seen from above (dorsal); right: every muscle moved outwards."""
+    straight = _straight(trunk)
+    names = groups(trunk)
+    height = max(12.0 * len(names), 60.0) + 12
+    figure = style.new_figure(height)
+    bodies = [(muscle, _facets(trunk, muscle, straight)) for muscle in trunk.subdomains]
+    box = extent(DORSAL, np.concatenate([b.reshape(-1, 3) for _, b in bodies]), 0.02)
+    colours = group_colours(trunk)
+    tall = (height - 12) / len(names)
+    for row, group in enumerate(names):
+        bottom = (height - 6 - tall * (row + 1)) / height
+        axes = figure.add_axes((0.04, bottom, 0.4, tall / height))
+        chosen = [Surface(body, colours[group]) for m, body in bodies if m.group == group]
+        paint(axes, DORSAL, chosen)
+        frame(axes, DORSAL, box)
+        if row == len(names) - 1:
+            measure(axes, box)
+        figure.text(0.005, bottom + tall / height / 2, group, color=colours[group], va="center",
+                    fontweight="bold")  # fmt: skip
+    _exploded(figure, trunk, bodies)
+    figure.text(0.24, 1 - 1 / height, "each group, from its dorsal side", ha="center", va="top")
+    figure.text(0.72, 1 - 1 / height, f"all {len(bodies)} muscles, moved apart", ha="center",
+                va="top")  # fmt: skip
+    return figure
+
+
+def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarray]]) -> None:
+    moved = []
+    for muscle, body in bodies:
+        Theta = sum(muscle.sector) / 2
+        outwards = np.array([np.cos(Theta), np.sin(Theta), 0.0])
+        middle = sum(muscle.radii) / 2
+        along = np.array([0.0, 0, APART * trunk.length * muscle.segment])
+        moved.append(body + (OUTWARDS * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
+                     * outwards + along)  # fmt: skip
+    box = extent(BESIDE, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
+    height = figure.get_figheight() / style.MM
+    axes = figure.add_axes((0.46, 6 / height, 0.53, 1 - 12 / height))
+    colours = group_colours(trunk)
+    pairs = zip(bodies, moved, strict=True)
+    paint(axes, BESIDE, [Surface(body, colours[muscle.group]) for (muscle, _), body in pairs])
+    frame(axes, BESIDE, box)
+    measure(axes, box)
+
+
+def _straight(trunk: Trunk) -> Shape:
+    """The trunk before any muscle or load, (1,) shapes."""
+    nothing = np.zeros((1, len(trunk.subdomains)))
+    return solve_statics(trunk, nothing, loads=Loads(gravity=0.0))
+
+
+def _facets(trunk: Trunk, muscle: Muscle, straight: Shape) -> np.ndarray:
+    """A muscle's facets (k, 4, 3) in the trunk's own axes (d1, d2, d3), m."""
+    body = muscle_body(trunk, muscle, straight, SECTIONS)
+    base = np.zeros(1)
+    own = (body.vertices[0] - straight.position(base)[0, 0]) @ straight.directors(base)[0, 0].T
+    return facets_of(replace(body, vertices=own[None]), SECTIONS)

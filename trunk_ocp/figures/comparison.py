@@ -1,0 +1,146 @@
+"""What foresight changes: a sequential plan and a horizon in one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from ..colours import group_colours, groups
+from ..solution import Plan
+from . import style
+from .activations import draw_bounds
+from .instants import curve_times, curves, end_of, trajectory
+from .limits import limits, touching
+
+SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
+
+
+def draw_two_plans(
+    sequential: Plan, horizon: Plan, folder: Path, formats: Sequence[str]
+) -> list[Path]:
+    """Draw two plans of one motion over each other; activations and J_T have no unit (eq. 42)."""
+    with style.styled():
+        return style.save(picture(sequential, horizon), folder, "comparison", formats)
+
+
+def time_at_bounds(plan: Plan) -> float:
+    """Time in s that muscles are at their bound of contraction, summed over muscles.
+
+    Each time step counts for its duration.
+    """
+    below, _ = touching(plan)
+    durations = [step.duration for step in plan.motion.steps[: len(plan.x)]]
+    return float(below[:, :-2].sum(axis=1) @ np.array(durations))
+
+
+def picture(sequential: Plan, horizon: Plan) -> Figure:
+    """The figure that `draw_two_plans` writes."""
+    trunk = horizon.motion.trunk
+    rows = len(groups(trunk))
+    height = 25.0 * rows + 38 + 26
+    figure = style.new_figure(height)
+    title = style.title(horizon.motion)
+    style.headline(figure, f"{title}: {sequential.mode} against {horizon.mode}")
+    grids = figure.add_gridspec(
+        2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
+        left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,
+    )  # fmt: skip
+    if rows:
+        panels = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
+        _activations(
+            panels.subplots(squeeze=False, sharex=True, sharey=True), (sequential, horizon)
+        )
+    below = grids[1].subgridspec(1, 3, wspace=0.42).subplots(squeeze=False)[0]
+    _numbers(list(below), (sequential, horizon))
+    _legend(figure, (sequential, horizon))
+    return figure
+
+
+def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
+    longest = max(plans, key=end_of)
+    trunk = longest.motion.trunk
+    drawn = [(plan, times, curves(plan, times)) for plan in plans for times in [curve_times(plan)]]
+    for row, group in enumerate(groups(trunk)):
+        for segment in range(trunk.segments):
+            axes: Axes = panels[row, segment]
+            style.shade_phases(axes, longest.motion, end_of(longest))
+            if row == 0:
+                axes.set_title(f"segment {segment + 1}")
+            if row == len(panels) - 1:
+                axes.set_xlabel("time (s)")
+            style.say_if_none(axes, trunk, group, segment)
+            for index, muscle in style.muscles_of(trunk, group, segment):
+                for plan, times, values in drawn:
+                    late = plan is plans[1]
+                    axes.plot(
+                        times, values[:, index], style.SIDES[muscle.side][1],
+                        color=group_colours(trunk)[group] if late else SEQUENTIAL,
+                        linewidth=1.3 if late else 1.0, zorder=4 if late else 3,
+                        gid=f"{plan.mode} {muscle.name}",
+                    )  # fmt: skip
+                draw_bounds(axes, plans[1], index)
+        panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)")
+    panels[0, 0].set_ylim(*_range(plans))
+
+
+def _range(plans: tuple[Plan, Plan]) -> tuple[float, float]:
+    """Upper and lower end of every panel: contraction, which is negative, upwards."""
+    values = [plan.activations.ravel() for plan in plans] + [np.zeros(1)]
+    values += [bound[:, :-2].ravel() for plan in plans for bound in limits(plan)]
+    every = np.concatenate(values)
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+    margin = 0.08 * (high - low or 1.0)
+    return high + margin, low - margin
+
+
+def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
+    longest = max(plans, key=end_of)
+    for axes in panels:
+        style.shade_phases(axes, longest.motion, end_of(longest))
+        axes.set_xlabel("time (s)")
+    for plan, colour in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
+        times = plan.motion.times[: len(plan.x)]
+        errors = plan.errors if len(plan.x) else ()
+        cost = np.array([error.paper for error in errors])
+        # From rest to the first step is no change of mind.
+        change = np.abs(np.diff(trajectory(plan)[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
+        at_bound = touching(plan)[0][:, :-2].sum(axis=1)
+        for axes, values in zip(panels, (cost, change, at_bound), strict=True):
+            axes.plot(
+                times[-len(values) :] if len(values) else [],
+                values,
+                "o-",
+                color=colour,
+                markersize=2.5,
+                gid=plan.mode,
+                clip_on=False,
+                zorder=3,
+            )
+    panels[0].set_ylim(bottom=0)
+    panels[2].set_ylim(-0.1, max(panels[2].get_ylim()[1], 1.1))
+    panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
+    panels[0].set_ylabel("$J_T$ of eq. (42) (no unit)")
+    panels[1].set_ylabel("largest change between\nsteps (no unit)")
+    panels[2].set_ylabel("muscles at their bound\nof contraction (count)")
+
+
+def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
+    handles: list[Artist] = []
+    for plan, colour in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
+        cost = f"{plan.objective.paper:.3g}" if len(plan.x) else "none"
+        at_bound = f"{time_at_bounds(plan):.2g} muscle-seconds at the bound of contraction"
+        label = f"{plan.mode}: J = {cost}, {at_bound}"
+        handles.append(Line2D([], [], color=colour, marker="o", markersize=2.5, label=label))
+    lines: list[Artist] = [
+        Line2D([], [], color=style.INK, label="right"),
+        Line2D([], [], color=style.INK, linestyle=":", label="left"),
+        Line2D([], [], **style.BOUND, label="bound"),
+    ]
+    style.legend_above(figure, handles, [*lines, *style.phase_keys(plans[1].motion)])

@@ -1,0 +1,80 @@
+"""How far the trunk is from its targets, through time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from ..solution import Plan
+from . import style
+from .instants import end_of
+
+ALONG = "cividis"  # targets, from base to tip; no muscle has these colours' meaning
+
+
+def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw each target's error over time: positions in mm, directions as a length (eq. 42).
+
+    Dots are time steps, the only times at which targets are asked for; lines lead the eye.
+    """
+    with style.styled():
+        return style.save(picture(plan), folder, "errors", formats)
+
+
+def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndarray]]:
+    """Times in s and errors of each point Z (m): "position" in m, "direction" without unit.
+
+    Of several directors asked for at one point, the worst.
+    """
+    series: dict[float, dict[float, float]] = {}
+    if len(plan.x):
+        for step, errors in zip(plan.motion.steps, plan.errors, strict=False):
+            of_step = zip(getattr(errors, f"{kind}_Z"), getattr(errors, kind), strict=True)
+            for Z, error in of_step:
+                at = series.setdefault(float(Z), {})
+                at[step.time] = max(float(error), at.get(step.time, 0.0))
+    return {Z: (np.array([*at]), np.array([*at.values()])) for Z, at in sorted(series.items())}
+
+
+def picture(plan: Plan) -> Figure:
+    """The figure that `draw_errors` writes."""
+    height = 62.0
+    figure = style.new_figure(height)
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode})")
+    style.legend_above(figure, style.phase_keys(plan.motion))
+    grid = figure.add_gridspec(
+        1, 2, left=0.075, right=0.88, top=1 - 14 / height, bottom=10 / height, wspace=0.62
+    )
+    position, direction = plan.motion.tolerance
+    left, right = grid.subplots(squeeze=False)[0]
+    _panel(left, plan, "position", 1e3, 1e3 * position)
+    left.set_ylabel("position error (mm)")
+    _panel(right, plan, "direction", 1.0, direction)
+    right.set_ylabel("direction error (no unit)")
+    return figure
+
+
+def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -> None:
+    style.shade_phases(axes, plan.motion, end_of(plan))
+    axes.set_yscale("log")
+    axes.set_xlabel("time (s)")
+    axes.axhline(tolerance, color=style.INK, linewidth=0.8, linestyle="--", label="tolerance")
+    series = error_series(plan, kind)
+    worst: dict[float, float] = {}
+    shades = matplotlib.colormaps[ALONG](np.linspace(0.0, 0.88, max(len(series), 2)))
+    for (Z, (times, errors)), colour in zip(series.items(), shades, strict=False):
+        axes.plot(times, factor * errors, "o-", color=to_hex(colour), markersize=2.8,
+                  linewidth=0.6, label=f"Z = {Z:.2f} m", clip_on=False, zorder=3)  # fmt: skip
+        for time, error in zip(times.tolist(), errors.tolist(), strict=True):
+            worst[time] = max(error, worst.get(time, 0.0))
+    if len(series) > 1:
+        values = [factor * worst[time] for time in sorted(worst)]
+        axes.plot(sorted(worst), values, color="k", linewidth=3.0, alpha=0.25, label="worst",
+                  gid="worst", zorder=2)  # fmt: skip
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.4)

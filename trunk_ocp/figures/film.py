@@ -1,0 +1,153 @@
+"""The motion as a film: the trunk with its muscles at work, seen three-quarter from both sides."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.transforms import Bbox
+
+from ..errors import InputError
+from ..geometry import muscle_body
+from ..solution import Plan
+from . import style
+from .instants import Instant, end_of, instants
+from .muscles import ACTIVATION, DARKEST, SECTIONS, VIEWS, strongest
+from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
+from .shapes import WOOD
+from .things import Log, head_sphere, log_at
+
+RATE = 15  # frames per second of film
+SLOWER = 2  # times as long as the motion, which takes two to four seconds
+MOST = 150  # frames
+SIZE = 150.0, 95.0  # mm
+DOTS = 130  # per inch
+
+Told = Callable[[int, int], Any]
+
+
+def frame_times(plan: Plan) -> np.ndarray:
+    """Times in s of the film's frames, from rest to the end of the plan."""
+    end = end_of(plan)
+    count = min(int(np.ceil(end * RATE * SLOWER)), MOST) + 1
+    return np.linspace(0.0, end, max(count, 2))
+
+
+def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list[Path]:
+    """Write `film.gif` and, where the program ffmpeg is installed, `film.mp4`.
+
+    Muscles are coloured by |activation|; the right side and the left, at half the speed.
+
+    Parameters
+    ----------
+    told : callable
+        Called with (frames done, frames) after each frame.
+
+    Raises
+    ------
+    InputError
+        If the plan has no time steps.
+    """
+    folder = Path(folder)
+    if not len(plan.x):
+        raise InputError(f"{plan.motion.name}: the plan has no time steps, so there is no film.")
+    folder.mkdir(parents=True, exist_ok=True)
+    moments = instants(plan, frame_times(plan))
+    rate = max(1, round((len(moments) - 1) / (SLOWER * end_of(plan))))
+    writers: list[tuple[AbstractMovieWriter, Path]] = [
+        (PillowWriter(fps=rate), folder / "film.gif")
+    ]
+    if shutil.which("ffmpeg"):
+        writers.append((FFMpegWriter(fps=rate, bitrate=2500), folder / "film.mp4"))
+    with style.styled():
+        stage = Stage(plan, moments)
+        for writer, path in writers:
+            writer.setup(stage.figure, str(path), DOTS)
+        for number, moment in enumerate(moments, 1):
+            stage.show(moment)
+            for writer, _ in writers:
+                writer.grab_frame()
+            if told is not None:
+                told(number, len(moments))
+        for writer, _ in writers:
+            writer.finish()
+    return [path for _, path in writers]
+
+
+class Stage:
+    """The figure of a film, drawn anew for each moment."""
+
+    def __init__(self, plan: Plan, moments: list[Instant]) -> None:
+        self.plan, self.figure = plan, style.new_figure(SIZE[1], SIZE[0])
+        FigureCanvasAgg(self.figure)
+        self.scale = Normalize(0.0, strongest(plan))
+        self.boxes = {side: self._box(view, moments) for side, view in VIEWS.items()}
+
+    def _box(self, view: View, moments: list[Instant]) -> Bbox:
+        """Room for every moment, so that nothing jumps."""
+        trunk = self.plan.motion.trunk
+        Z = np.linspace(0, trunk.length, 40)
+        points = [moment.shape.position(Z)[0] for moment in moments]
+        for step in range(len(self.plan.x)):
+            log = log_at(self.plan.motion, step)
+            if log is not None:
+                points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
+        return extent(view, np.concatenate(points), trunk.base_radius + 0.02)
+
+    def show(self, moment: Instant) -> None:
+        """Draw a moment."""
+        figure, trunk = self.figure, self.plan.motion.trunk
+        figure.clear()
+        style.headline(figure, f"{style.title(self.plan.motion)}, t = {moment.time:.2f} s")
+        bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
+        surfaces = [
+            Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))
+            for index, body in enumerate(bodies)
+        ]
+        log = self._log(moment.time)
+        if log is not None:
+            surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
+        for place, (side, view) in enumerate(VIEWS.items()):
+            axes = figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
+            sphere = head_sphere(trunk)
+            if sphere is not None:
+                centre = tuple(view.flat(sphere[0]))
+                axes.add_patch(Circle(centre, sphere[1], color="#E4E4E4", linewidth=0, zorder=1))
+            paint(axes, view, surfaces, darkest=DARKEST)
+            frame(axes, view, self.boxes[side])
+            axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
+            if place == 0:
+                measure(axes, self.boxes[side])
+        _bar(figure, self.scale)
+
+    def _colour(self, activation: float) -> tuple[float, float, float]:
+        red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
+        return (red, green, blue)
+
+    def _log(self, time: float) -> Log | None:
+        """The log at a time: where the time steps around it have it, and on a line between."""
+        motion, planned = self.plan.motion, len(self.plan.x)
+        after = min(int(np.searchsorted(motion.times[:planned], time - 1e-9)), planned - 1)
+        log = log_at(motion, after)
+        before = log_at(motion, after - 1) if after else None
+        if log is None or before is None or motion.steps[after].phase == 0:
+            return log
+        start, end = motion.times[after - 1], motion.times[after]
+        share = (time - start) / (end - start)
+        return Log(before.center + share * (log.center - before.center), log.radius, log.length)
+
+
+def _bar(figure: Figure, scale: Normalize) -> None:
+    axes = figure.add_axes((0.3, 0.1, 0.4, 0.02))
+    mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
+    figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")

@@ -1,0 +1,116 @@
+"""The muscle groups by themselves, deformed, coloured by activation (figs. 5, 7, 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from ..anatomy import Trunk
+from ..colours import group_colours, groups
+from ..geometry import muscle_body
+from ..solution import Plan
+from . import style
+from .instants import Instant, end_of, instants, through
+from .limits import limits
+from .scene import Surface, extent, facets_of, frame, measure, paint, towards
+
+ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey
+SECTIONS = 10
+DARKEST = 0.8  # shading must not be taken for activation
+# Each side as one sees it standing beside the elephant, a little in front and above.
+VIEWS = {side: towards(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
+
+
+def draw_muscles(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw each muscle group alone at several times, coloured by |activation| (figs. 5, 7, 9).
+
+    A figure for each side; columns are groups, rows times in s. The muscles' true subdomains in
+    the deformed trunk, seen from their own side; the trunk's centerline is a thin line.
+    """
+    trunk = plan.motion.trunk
+    end = end_of(plan)
+    moments = instants(plan, through(plan) if end > 0 else np.zeros(1))
+    paths: list[Path] = []
+    if not moments:
+        return paths
+    with style.styled():
+        for side, (name, _) in style.SIDES.items():
+            if any(muscle.side == side for muscle in trunk.subdomains):
+                figure = picture(plan, moments, side)
+                paths += style.save(figure, folder, f"muscles-{name}", formats)
+    return paths
+
+
+def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
+    """One of the figures that `draw_muscles` writes, for side "R" or "L"."""
+    trunk, view, name = plan.motion.trunk, VIEWS[side], style.SIDES[side][0]
+    names = groups(trunk)
+    Z = np.linspace(0, trunk.length, 50)
+    lines = [moment.shape.position(Z)[0] for moment in moments]
+    box = extent(view, np.concatenate(lines), trunk.base_radius + 0.02)
+    left, right, above, below = 13.0, 2.0, 14.0, 17.0  # mm
+    width = (style.WIDTH - left - right) / len(names)
+    tall = min(width * box.height / box.width, 34.0)
+    height = above + below + tall * len(moments)
+    figure = style.new_figure(height)
+    style.headline(
+        figure, f"{style.title(plan.motion)} ({plan.mode}): {name} muscles, seen from the {name}"
+    )
+    scale = Normalize(0.0, strongest(plan))
+    for row, (moment, line) in enumerate(zip(moments, lines, strict=True)):
+        bottom = (below + tall * (len(moments) - 1 - row)) / height
+        middle, text = bottom + tall / height / 2, f"t =\n{moment.time:.2f} s"
+        figure.text(1.5 / style.WIDTH, middle, text, va="center")
+        for column, group in enumerate(names):
+            x = (left + column * width) / style.WIDTH
+            axes = figure.add_axes((x, bottom, width / style.WIDTH, tall / height))
+            axes.plot(*view.flat(line).T, color=style.FAINT, linewidth=0.5, zorder=1)
+            paint(axes, view, _surfaces(plan, moment, group, side, scale), darkest=DARKEST)
+            frame(axes, view, box)
+            if row == 0:
+                _head_column(axes, trunk, group)
+            if column == 0 and row == len(moments) - 1:  # one bar is enough for all
+                measure(axes, box)
+    _bar(figure, scale, height)
+    return figure
+
+
+def _head_column(axes: Axes, trunk: Trunk, group: str) -> None:
+    axes.set_title(
+        f"{group}\n{style.full_name(group)}" if group in style.NAMES else group,
+        color=group_colours(trunk)[group], fontsize=6.5, fontweight="bold", pad=2,
+    )  # fmt: skip
+
+
+def _surfaces(
+    plan: Plan, moment: Instant, group: str, side: str, scale: Normalize
+) -> list[Surface]:
+    trunk = plan.motion.trunk
+    surfaces = []
+    for index, muscle in enumerate(trunk.subdomains):
+        if muscle.side == side and muscle.group == group:
+            body = muscle_body(trunk, muscle, moment.shape, SECTIONS)
+            strength = float(scale(abs(moment.activation[index])))
+            red, green, blue, _ = matplotlib.colormaps[ACTIVATION](strength)
+            surfaces.append(Surface(facets_of(body, SECTIONS), (red, green, blue)))
+    return surfaces
+
+
+def strongest(plan: Plan) -> float:
+    """Largest |activation| of the colour bar: the motion's bound, or what a plan has beyond it."""
+    count = len(plan.motion.trunk.muscles)
+    values = [bound[:, :count].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
+    return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0
+
+
+def _bar(figure: Figure, scale: Normalize, height: float) -> None:
+    axes = figure.add_axes((0.3, 9.0 / height, 0.4, 2.2 / height))
+    mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
+    figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")

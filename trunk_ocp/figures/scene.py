@@ -1,0 +1,179 @@
+"""Bodies in space drawn on paper: turned, hidden where they are behind, shaded.
+
+Views are orthographic, so lengths can be read off in all of them, and made of plain polygons,
+so that a PDF stays vectors. +Z points down in the model and on paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
+
+from ..geometry import Body
+
+LIGHT = (-0.4, -0.6, 0.7)  # from the upper left, towards the reader
+DARKEST = 0.55  # of a colour, where no light falls
+FACETS = 20  # around a round body
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the reader stands: unit vectors along the paper, and out of it."""
+
+    name: str
+    across: np.ndarray
+    down: np.ndarray
+    out: np.ndarray
+    labels: tuple[str, str] | None
+    mirrored: bool = False
+    """Whether `across` points to the left on paper."""
+
+    def flat(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates on paper (..., 2) in m of points (..., 3)."""
+        return np.stack([points @ self.across, points @ self.down], axis=-1)
+
+
+def towards(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 1.0)) -> View:
+    """View from a direction in which the reader stands; what is `below`, +Z, stays so."""
+    out = np.asarray(eye) / np.linalg.norm(eye)
+    down = np.asarray(below) - (out @ np.asarray(below)) * out
+    down /= np.linalg.norm(down)
+    return View(name, np.cross(out, down), down, out, None)
+
+
+_X, _Y, _Z = np.eye(3)
+SIDE = View("side", _X, _Z, _Y, ("X, forwards (m)", "Z, down (m)"))
+FRONT = View("front", _Y, _Z, _X, ("Y, to the right (m)", "Z, down (m)"), mirrored=True)
+QUARTER = towards("three-quarter", (0.9, 0.8, -0.4))
+VIEWS = (SIDE, FRONT, QUARTER)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Facets (k, 4, 3) in m, seen from outside counter-clockwise, of one colour."""
+
+    facets: np.ndarray
+    colour: str | tuple[float, float, float]
+
+
+def paint(
+    axes: Axes, view: View, surfaces: Sequence[Surface], zorder: float = 2, darkest: float = DARKEST
+) -> None:
+    """Draw surfaces together: what is nearer hides what is farther."""
+    if not surfaces:
+        return
+    facets = np.concatenate([surface.facets for surface in surfaces])
+    rgb = np.concatenate([np.tile(to_rgb(s.colour), (len(s.facets), 1)) for s in surfaces])
+    normal = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
+    length = np.linalg.norm(normal, axis=1)
+    seen = (normal @ view.out > 0) & (length > 0) & np.isfinite(facets).all(axis=(1, 2))
+    facets, rgb, normal = facets[seen], rgb[seen], normal[seen] / length[seen, None]
+    order = np.argsort((facets.mean(axis=1) @ view.out), kind="stable")
+    left = -1.0 if view.mirrored else 1.0
+    light = LIGHT[0] * left * view.across + LIGHT[1] * view.down + LIGHT[2] * view.out
+    bright = darkest + (1 - darkest) * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
+    drawn = (rgb * bright[:, None])[order]
+    axes.add_collection(
+        # Edges of the facet's own colour close the hairlines between neighbours.
+        PolyCollection(
+            list(view.flat(facets)[order]),
+            facecolors=drawn,
+            edgecolors=drawn,
+            linewidths=0.25,
+            zorder=zorder,
+        ),
+        autolim=False,
+    )
+
+
+def tube(rings: np.ndarray) -> np.ndarray:
+    """Facets (k, 4, 3) of a closed tube, from rings (n, around, 3), counter-clockwise."""
+    return np.concatenate([_wall(rings), _lid(rings[0])[:, ::-1], _lid(rings[-1])])
+
+
+def facets_of(body: Body, sections: int) -> np.ndarray:
+    """Facets (k, 4, 3) of a swept body in the first of its shapes.
+
+    Pairs of triangles between cross-sections become one facet each: half as many to draw.
+    """
+    rings = body.vertices[0].reshape(sections, -1, 3)
+    section = body.triangles // rings.shape[1]
+    caps = body.triangles[np.all(section == section[:, :1], axis=1)]
+    return np.concatenate([_wall(rings), body.vertices[0][caps[:, [0, 1, 2, 2]]]])
+
+
+def _wall(rings: np.ndarray) -> np.ndarray:
+    beside = np.roll(rings, -1, axis=1)
+    return np.stack([rings[:-1], beside[:-1], beside[1:], rings[1:]], axis=2).reshape(-1, 4, 3)
+
+
+def _lid(ring: np.ndarray) -> np.ndarray:
+    center, beside = np.broadcast_to(ring.mean(axis=0), ring.shape), np.roll(ring, -1, axis=0)
+    return np.stack([center, ring, beside, beside], axis=1)
+
+
+def cylinder(center: np.ndarray, radius: float, length: float) -> np.ndarray:
+    """Facets (k, 4, 3) of a cylinder about e_Y, in m."""
+    angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
+    ring = radius * np.stack([np.sin(angle), np.zeros(FACETS), np.cos(angle)], axis=-1)
+    along = np.linspace(-length / 2, length / 2, 2 + int(length / radius))
+    rings = ring + along[:, None, None] * _Y
+    return tube(np.asarray(center) + rings)
+
+
+def ball(center: np.ndarray, radius: float) -> np.ndarray:
+    """Facets (k, 4, 3) of a ball, in m."""
+    angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
+    height = np.linspace(-np.pi / 2, np.pi / 2, FACETS // 2)[:, None]
+    rings = np.stack(
+        [
+            np.cos(height) * np.cos(angle),
+            np.cos(height) * np.sin(angle),
+            np.broadcast_to(np.sin(height), (FACETS // 2, FACETS)),
+        ],
+        axis=-1,
+    )
+    return tube(np.asarray(center) + radius * rings)
+
+
+def extent(view: View, points: np.ndarray, margin: float) -> Bbox:
+    """Box on paper around points (n, 3), with a margin in m."""
+    flat = view.flat(points[np.isfinite(points).all(axis=1)])
+    low, high = flat.min(axis=0) - margin, flat.max(axis=0) + margin
+    return Bbox([low, high])
+
+
+def frame(axes: Axes, view: View, box: Bbox) -> None:
+    """Equal scales along both axes, +Z downwards; a bar of length where axes mean nothing."""
+    axes.set_aspect("equal")
+    axes.set_xlim(*((box.x1, box.x0) if view.mirrored else (box.x0, box.x1)))
+    axes.set_ylim(box.y1, box.y0)
+    size, inch = axes.get_window_extent(), axes.figure.dpi
+    for axis, room in ((axes.xaxis, size.width / inch), (axes.yaxis, size.height / inch)):
+        few = int(np.clip(3 * room, 1, 5))  # a label takes a third of an inch
+        axis.set_major_locator(MaxNLocator(few, steps=[1, 2, 4, 5, 10], min_n_ticks=1))
+    if view.labels is not None:
+        axes.set_xlabel(view.labels[0])
+        axes.set_ylabel(view.labels[1])
+    else:
+        axes.set_axis_off()
+
+
+def measure(axes: Axes, box: Bbox) -> None:
+    """Draw a bar of known length below a picture whose axes have no numbers."""
+    length = 0.5 if max(box.width, box.height) > 1.2 else 0.1  # m
+    x, y = box.x0 + 0.03 * box.width, box.y1 + 0.02 * box.height
+    axes.plot(
+        [x, x + length], [y, y], color="k", linewidth=1.2, solid_capstyle="butt", clip_on=False
+    )
+    axes.annotate(
+        f"{length:g} m", (x + length / 2, y), (0, -2), textcoords="offset points",
+        ha="center", va="top", gid="measure", annotation_clip=False,
+    )  # fmt: skip

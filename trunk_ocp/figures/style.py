@@ -1,0 +1,158 @@
+"""How every figure looks: sizes for print, names, files without dates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from ..anatomy import Muscle, Trunk
+from ..motion import Motion
+
+NAMES = {
+    "dl": "dorsal longitudinal",
+    "ovo": "outer ventral oblique",
+    "ivo": "inner ventral oblique",
+    "dr": "dorsal radial",
+    "vr": "ventral radial",
+}
+SIDES = {"R": ("right", "-"), "L": ("left", ":")}  # the paper's: right solid, left dotted
+PHASES = ("#DCEBF7", "#FBE8D3", "#ECECEC")  # the paper's: light blue, light orange, grey
+INK = "#222222"
+FAINT = "#8A8A8A"
+BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2))}
+
+MM = 1 / 25.4
+WIDTH = 180.0  # mm, two columns
+LOOK: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same everywhere
+    "font.size": 7.0,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlepad": 3.0,
+    "axes.labelpad": 2.0,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "text.usetex": False,
+    "pdf.fonttype": 42,  # letters stay letters, for publishers and for search
+    "savefig.dpi": 220.0,
+}
+
+
+def styled() -> AbstractContextManager[None]:
+    """Context in which figures get their look; the caller's own settings come back after it."""
+    return matplotlib.rc_context(LOOK)
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure of a size in mm."""
+    return Figure(figsize=(width * MM, height * MM))
+
+
+def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in every format: the same picture gives the same bytes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    paths = []
+    for kind in formats:
+        path = folder / f"{name}.{kind}"
+        figure.savefig(path, format=kind, metadata=undated.get(kind))
+        paths.append(path)
+    return paths
+
+
+def full_name(group: str) -> str:
+    """What a muscle group is called in full, as far as it is known."""
+    return NAMES.get(group, group)
+
+
+def muscles_of(trunk: Trunk, group: str, segment: int) -> list[tuple[int, Muscle]]:
+    """Muscles of a group in a segment, each with its index in an activation vector."""
+    return [
+        (index, muscle)
+        for index, muscle in enumerate(trunk.subdomains)
+        if muscle.group == group and muscle.segment == segment
+    ]
+
+
+def say_if_none(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
+    """Say why curves are empty where a segment has no muscle of a group."""
+    if not muscles_of(trunk, group, segment):
+        axes.text(
+            0.5, 0.5, "no such muscle here", color=FAINT, transform=axes.transAxes,
+            ha="center", va="center",
+        )  # fmt: skip
+
+
+def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
+    """Shade the phases behind curves over time, from 0 to `end` in s."""
+    start = 0.0
+    for number, phase in enumerate(motion.phases):
+        if start < end:
+            axes.axvspan(
+                start,
+                min(phase.end, end),
+                color=PHASES[number % len(PHASES)],
+                linewidth=0,
+                zorder=0,
+            )
+        start = phase.end
+    if end > 0:
+        axes.set_xlim(0, end)
+
+
+def phase_keys(motion: Motion) -> list[Patch]:
+    """Legend entries of the phases' shades; of the first ones, if there are very many."""
+    return [
+        Patch(color=PHASES[number % len(PHASES)], label=plain(phase.name))
+        for number, phase in enumerate(motion.phases[:6])
+    ]
+
+
+def plain(text: str) -> str:
+    """Text as its author wrote it, dollars included, which matplotlib takes for formulae."""
+    return text.replace("$", r"\$")
+
+
+def title(motion: Motion) -> str:
+    """What a motion is called."""
+    return plain(motion.spec.title or motion.name)
+
+
+def headline(figure: Figure, text: str) -> None:
+    """Write a title at the top of a figure."""
+    height = figure.get_figheight() / MM
+    figure.suptitle(text, fontsize=8.5, y=1 - 1.5 / height)
+
+
+def legend_above(figure: Figure, *rows: Sequence[Artist]) -> None:
+    """Put a figure's legend under its title, in rows; empty ones take no room."""
+    height = figure.get_figheight() / MM
+    for row, entries in enumerate(entries for entries in rows if entries):
+        figure.legend(
+            handles=entries,
+            loc="upper center",
+            bbox_to_anchor=(0.5, 1 - (4.5 + 4.0 * row) / height),
+            ncols=len(entries),
+            columnspacing=1.4,
+            borderaxespad=0.2,
+        )

@@ -1,0 +1,97 @@
+"""What a motion is about besides the trunk: the head, logs, what hangs at the tip, targets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..anatomy import Trunk
+from ..motion import Motion
+from ..problem_file import WrapSpec
+from ..solution import Plan
+from ..targets import Held
+
+
+@dataclass(frozen=True)
+class Log:
+    """A cylinder about e_Y that the trunk wraps around: center (3,), radius and length in m."""
+
+    center: np.ndarray
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A target position (3,) in m, where the trunk got instead, and the wanted direction."""
+
+    target: np.ndarray
+    reached: np.ndarray
+    direction: np.ndarray | None
+
+
+def head_sphere(trunk: Trunk) -> tuple[np.ndarray, float] | None:
+    """Center (3,) and radius in m of the sphere on which the head moves the base (eq. 35)."""
+    head = trunk.head
+    if head.pivot_radius == 0:
+        return None
+    tilt, turn = head.xi_y, head.xi_z
+    # s of eq. (36), from the center to the base
+    s = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
+    return -head.pivot_radius * s, head.pivot_radius  # at rest the base is the origin
+
+
+def log_at(motion: Motion, step: int) -> Log | None:
+    """The log at a time step (from 0), if its phase wraps around one (eqs. 46-53)."""
+    wrap = motion.spec.phases[motion.steps[step].phase].wrap
+    if wrap is None:
+        return None
+    length, offset = _size(motion, wrap)
+    center = _wrap_center(motion, step, wrap)
+    # The couple -d W e_X of eq. (54) is that of a weight at a distance d towards -Y.
+    return Log(center - np.array([0.0, offset, 0]), wrap.log_radius, length)
+
+
+def _wrap_center(motion: Motion, step: int, wrap: WrapSpec) -> np.ndarray:
+    """From the targets themselves, which know the origin; the wrap's come last of a step's."""
+    first = motion.steps[step].targets[-wrap.points]
+    angle = np.radians(wrap.angles_deg[0])
+    distance = wrap.log_radius + float(motion.trunk.radius(wrap.Z[0]))
+    assert first.position is not None
+    return np.asarray(first.position) - distance * np.array([np.sin(angle), 0, np.cos(angle)])
+
+
+def _size(motion: Motion, wrap: WrapSpec) -> tuple[float, float]:
+    """Length and offset of the log; it is the same one before its weight is taken."""
+    for phase in motion.spec.phases:
+        if phase.loads.log is not None and phase.loads.log.radius == wrap.log_radius:
+            return phase.loads.log.length, phase.loads.log.offset
+    return 4 * wrap.log_radius, 0.0  # nothing says how long it is
+
+
+def marks(plan: Plan, step: int) -> list[Mark]:
+    """Targets of a time step (from 0) that have a position and weight, and what was reached."""
+    path = plan.verification.trajectory
+    found = []
+    for target in plan.motion.steps[step].targets:
+        if target.position is None or target.position_weight == 0:
+            continue
+        at = int(np.searchsorted(path.Z, target.Z))
+        wanted = target.directions[2] if target.direction_weights[2] > 0 else None
+        if isinstance(wanted, Held):
+            held = int(np.searchsorted(path.Z, wanted.Z))
+            wanted = tuple(path.directors[wanted.step, held, wanted.director].tolist())
+        direction = None if wanted is None else np.asarray(wanted)
+        found.append(Mark(np.asarray(target.position), path.position[step, at], direction))
+    return found
+
+
+def steps_of(plan: Plan, number: int) -> list[int]:
+    """Planned time steps (from 0) of a phase."""
+    return [i for i, s in enumerate(plan.motion.steps[: len(plan.x)]) if s.phase == number]
+
+
+def carried(motion: Motion, number: int) -> float:
+    """Mass in kg that hangs at the tip during a phase."""
+    return motion.spec.phases[number].loads.tip_mass

@@ -1,0 +1,46 @@
+"""One HTML file from template, style, viewer modules, three.js and data.
+
+The viewer is written as ES modules, which a browser does not load from disk. Its modules share
+one scope in the page: in the order of `MODULES`, without their import lines and export keywords.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from importlib.resources import files
+from typing import Any
+
+MODULES = ("data", "geometry", "colors", "clock", "scene", "stage", "plots", "controls", "main")
+IMPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE)
+EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
+
+
+def page(data: dict[str, Any]) -> str:
+    """Text of the page that shows what `payload` returns."""
+    parts = {
+        "title": html.escape(data["title"]),
+        "style": _read("viewer/style.css"),
+        "licence": _read("vendor/LICENSE"),
+        "three": _read("vendor/three.min.js"),
+        "data": embedded(data),
+        "viewer": "\n".join(_module(name) for name in MODULES),
+    }
+    # One pass, so that a part is never searched for the name of another.
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read("viewer/page.html"))
+
+
+def embedded(data: dict[str, Any]) -> str:
+    """JSON that may stand in a script element: nothing in it can end the element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _module(name: str) -> str:
+    """A module of the viewer, fit to stand in one scope with the others."""
+    return EXPORT.sub("", IMPORT.sub("", _read(f"viewer/{name}.js")))
+
+
+def _read(name: str) -> str:
+    return (files(__package__) / name).read_text(encoding="utf-8")

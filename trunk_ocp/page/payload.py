@@ -1,0 +1,187 @@
+"""What the page is told: the moving trunk's cross-sections, its muscles and what they act on.
+
+Not surfaces but what makes them: centerline, quaternions and section scale at some 50 points of
+the trunk and up to some 120 instants. The page computes x = r + s f (X d_1 + Y d_2) itself, as
+`geometry` does, and is a fifth of the size. Arrays are float32 in base64.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..anatomy import Muscle, Trunk
+from ..colours import group_colours
+from ..errors import StaticsError
+from ..geometry import frames, outline
+from ..head import base_pose
+from ..rotations import about_y, about_z, directors, product
+from ..solution import Plan, Sample
+from ..statics import Shape
+from .objects import carried, targets
+
+SECTIONS = 48  # cross-sections along the trunk, about
+RATE = 25.0  # samples for each second of motion
+FEWEST, MOST = 24, 120  # samples of a motion, however short or long
+
+
+def payload(plans: Sequence[Plan]) -> dict[str, Any]:
+    """Everything the page shows, as JSON takes it."""
+    spec = plans[0].motion.spec
+    return {
+        "name": spec.name,
+        "title": spec.title or spec.name,
+        "trunk": plans[0].motion.trunk.name,
+        "plans": [_plan(plan) for plan in plans],
+    }
+
+
+def _plan(plan: Plan) -> dict[str, Any]:
+    trunk = plan.motion.trunk
+    samples = _samples(plan)
+    grid = section_grid(trunk)
+    times = np.array([sample.time for sample in samples])
+    shape = _stacked([sample.shape for sample in samples])
+    motion, J = plan.motion, plan.objective.paper
+    return {
+        "mode": plan.mode,
+        "status": plan.status.value,
+        "objective": J if math.isfinite(J) else None,
+        "times": encoded(times),
+        "steps": [float(t) for t in motion.times[: len(plan.x)]],
+        "phases": [{"name": phase.name, "end": phase.end} for phase in motion.phases],
+        "trunk": _trunk(trunk, grid),
+        "frames": _frames(trunk, shape, grid.Z),
+        "activation": encoded(np.array([sample.activation for sample in samples])),
+        "head": encoded(np.array([sample.head for sample in samples])),
+        "pivot": _pivot(trunk),
+        "objects": [
+            {**thing.description, "centre": encoded(thing.centre)}
+            for thing in carried(plan, times, shape)
+        ],
+        "targets": targets(plan),
+    }
+
+
+def instants(plan: Plan) -> np.ndarray:
+    """Times (n,) in s to sample a plan at: evenly spread, and at its time steps if they fit."""
+    steps = plan.motion.times[: len(plan.x)]
+    steps = steps if len(steps) <= MOST // 2 else steps[:0]
+    end = float(plan.motion.times[len(plan.x) - 1])
+    count = int(np.clip(np.ceil(RATE * end) + 1, FEWEST, MOST - len(steps)))
+    return np.unique(np.concatenate([np.linspace(0.0, end, count), steps]))
+
+
+def _samples(plan: Plan) -> list[Sample]:
+    """The moving trunk, without the instants for which there is no equilibrium, if any."""
+    samples = []
+    for t in instants(plan):
+        try:
+            samples.append(plan.sample(float(t)))
+        except StaticsError:  # between steps, where nothing was planned: the page interpolates
+            continue
+    return samples
+
+
+def _stacked(shapes: list[Shape]) -> Shape:
+    """Single shapes on one mesh as one with a batch axis."""
+    return replace(
+        shapes[0],
+        states=np.stack([shape.states for shape in shapes]),
+        edges=np.stack([shape.edges for shape in shapes]),
+        slopes=np.stack([shape.slopes for shape in shapes]),
+    )
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points Z (n,) in m of the cross-sections; segment i begins at number `edges[i]`."""
+
+    Z: np.ndarray
+    edges: tuple[int, ...]
+
+
+def section_grid(trunk: Trunk) -> Grid:
+    """Cross-sections of a trunk, on every edge between segments."""
+    Z, edges = [np.zeros(1)], [0]
+    for start, end in zip(trunk.edges[:-1], trunk.edges[1:], strict=True):
+        intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
+        Z.append(np.linspace(start, end, intervals + 1)[1:])
+        edges.append(edges[-1] + intervals)
+    return Grid(np.concatenate(Z), tuple(edges))
+
+
+def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
+    return {
+        "taper": encoded(trunk.taper(grid.Z)),
+        "radius": trunk.base_radius,
+        "colors": group_colours(trunk),
+        "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
+        "cores": [
+            {"first": first, "last": last, "radius": _core(trunk, segment)}
+            for segment, (first, last) in enumerate(
+                zip(grid.edges[:-1], grid.edges[1:], strict=True)
+            )
+        ],
+    }
+
+
+def _core(trunk: Trunk, segment: int) -> float:
+    """Radius in m at Z = 0 of what no muscle of a segment reaches into."""
+    inner = (muscle.radii[0] for muscle in trunk.subdomains if muscle.segment == segment)
+    return min(inner, default=trunk.base_radius)
+
+
+def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
+    return {
+        "name": muscle.name,
+        "group": muscle.group,
+        "side": muscle.side,
+        "segment": muscle.segment,
+        "architecture": muscle.architecture,
+        "first": grid.edges[muscle.segment],
+        "last": grid.edges[muscle.segment + 1],
+        "hollow": muscle.radii[0] > 0,
+        "outline": encoded(thinned(outline(muscle), muscle.radii[0] > 0)),
+    }
+
+
+def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
+    """Some half of an outline's points, ends of arcs among them: the page draws them smoothly."""
+    m = len(section)
+    arc = m // 2 if hollow else m - 1
+    kept = np.unique(np.linspace(0, arc - 1, arc // 2 + 1).round().astype(int))
+    back = m - 1 - kept[::-1] if hollow else np.array([m - 1])
+    return section[np.concatenate([kept, back])]
+
+
+def _frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> dict[str, str]:
+    """Cross-sections as position, quaternion (scalar first) and the scale of a radius."""
+    at = frames(trunk, shape, Z)
+    q = shape.state(Z)[..., :4]
+    return {
+        "position": encoded(at.position),
+        "quaternion": encoded(q / np.linalg.norm(q, axis=-1, keepdims=True)),
+        "scale": encoded(at.scale),
+    }
+
+
+def _pivot(trunk: Trunk) -> dict[str, Any]:
+    """The sphere on which the head moves the base (eq. 35)."""
+    base, _ = base_pose(trunk.head, 0.0, 0.0)
+    rest = directors(product(about_z(trunk.head.xi_z), about_y(trunk.head.xi_y)))[2]
+    radius = trunk.head.pivot_radius
+    return {
+        "radius": radius,
+        "centre": [float(r - radius * s) for r, s in zip(base, rest, strict=True)],
+    }
+
+
+def encoded(array: np.ndarray) -> str:
+    """Little-endian float32 in base64."""
+    return base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")

@@ -1,0 +1,252 @@
+// Activations over time, a panel for each segment: SVG curves, and a cursor that follows time.
+
+import { activationRange } from "./data.js";
+
+const MARGIN = { left: 28, right: 12, top: 20, bottom: 22 };
+const HEIGHT = 150; // px of a panel
+const NEAR = 10; // px from a curve that still pick it
+const WIDTHS = { plain: 1.6, chosen: 4 }; // px
+
+/** Plots of all plans; `seek(time)` and `pick(name or null)` are told what the pointer does. */
+export class Plots {
+  constructor(container, plans, { seek, pick }) {
+    const range = activationRange(plans);
+    const end = Math.max(...plans.map((plan) => plan.duration));
+    this.panels = plans.flatMap((plan) => {
+      const section = planSection(container, plan);
+      return segmentsOf(plan).map((segment) => {
+        const panel = new Panel(plan, segment, { range, end }, { seek, pick });
+        section.append(panel.element);
+        return panel;
+      });
+    });
+  }
+
+  show(time) {
+    for (const panel of this.panels) panel.show(time);
+  }
+
+  dress(look) {
+    for (const panel of this.panels) panel.dress(look);
+  }
+}
+
+function planSection(container, plan) {
+  const section = container.appendChild(document.createElement("section"));
+  const heading = section.appendChild(document.createElement("h2"));
+  heading.textContent = `${plan.label}: activations`;
+  const panels = section.appendChild(document.createElement("div"));
+  panels.className = "panels";
+  if (!plan.trunk.muscles.length) panels.textContent = "This trunk has no muscles.";
+  return panels;
+}
+
+/** Numbers of the segments that have muscles. */
+function segmentsOf(plan) {
+  return [...new Set(plan.trunk.muscles.map((muscle) => muscle.segment))].sort((a, b) => a - b);
+}
+
+class Panel {
+  constructor(plan, segment, axes, tell) {
+    this.plan = plan;
+    this.segment = segment;
+    this.axes = axes;
+    this.tell = tell;
+    this.curves = curvesOf(plan, segment);
+    this.time = 0;
+    this.build();
+    this.listen();
+    new ResizeObserver(() => this.redraw()).observe(this.element);
+  }
+
+  build() {
+    this.element = document.createElement("figure");
+    this.svg = this.element.appendChild(svg("svg", { role: "img", height: HEIGHT }));
+    const names = this.curves.map(({ muscle }) => muscle.name).join(", ");
+    const label = `${this.plan.label} plan, segment ${this.segment + 1}: activation over time of`;
+    this.svg.setAttribute("aria-label", `${label} ${names}`);
+    this.cursor = this.element.appendChild(document.createElement("div"));
+    this.cursor.className = "cursor";
+    this.cursor.style.top = `${MARGIN.top}px`;
+    this.cursor.style.height = `${HEIGHT - MARGIN.top - MARGIN.bottom}px`;
+  }
+
+  x(time) {
+    const { left, right } = MARGIN;
+    return left + (time / this.axes.end) * (this.width - left - right);
+  }
+
+  y(activation) {
+    const [low, high] = this.axes.range;
+    const { top, bottom } = MARGIN;
+    return top + ((high - activation) / (high - low)) * (HEIGHT - top - bottom);
+  }
+
+  timeAt(x) {
+    const { left, right } = MARGIN;
+    return ((x - left) / (this.width - left - right)) * this.axes.end;
+  }
+
+  redraw() {
+    const width = this.element.clientWidth;
+    if (!width || width === this.width) return;
+    this.width = width;
+    this.svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
+    this.svg.replaceChildren(...this.grid(), ...this.phases(), ...this.lines(), this.title());
+    if (this.look) this.dress(this.look);
+    this.show(this.time);
+  }
+
+  title() {
+    return text(`Segment ${this.segment + 1}`, { x: MARGIN.left, y: 13, class: "title" });
+  }
+
+  grid() {
+    const { left, right, bottom } = MARGIN;
+    const level = (value) => [
+      svg("line", { x1: left, x2: this.width - right, y1: this.y(value), y2: this.y(value) }),
+      text(short(value), { x: left - 5, y: this.y(value) + 4, "text-anchor": "end" }),
+    ];
+    const foot = HEIGHT - bottom + 15;
+    const mark = (time, i, all) => {
+      const label = i === all.length - 1 ? `${short(time)} s` : short(time);
+      return text(label, { x: this.x(time), y: foot, "text-anchor": "middle" });
+    };
+    const [low, high] = this.axes.range;
+    const times = ticks(0, this.axes.end, Math.max(3, Math.round(this.width / 70)));
+    return [...ticks(low, high, 4).flatMap(level), ...times.map(mark)];
+  }
+
+  /** Where one phase ends and the next begins. */
+  phases() {
+    const inner = this.plan.phases.filter(({ end }) => end < this.plan.duration - 1e-6);
+    return inner.map(({ name, end }) => {
+      const y2 = HEIGHT - MARGIN.bottom;
+      const x = this.x(end);
+      const line = svg("line", { x1: x, x2: x, y1: MARGIN.top, y2, class: "phase" });
+      line.append(svg("title", {}));
+      line.lastChild.textContent = `end of ${name}`;
+      return line;
+    });
+  }
+
+  lines() {
+    this.paths = this.curves.map(({ muscle, values }) => {
+      const points = values.map((value, i) => `${this.x(this.plan.times[i])},${this.y(value)}`);
+      const path = svg("polyline", { points: points.join(" "), class: "curve" });
+      path.dataset.muscle = muscle.name;
+      if (muscle.side === "L") path.setAttribute("stroke-dasharray", "6 3");
+      return path;
+    });
+    return this.paths;
+  }
+
+  show(time) {
+    this.time = time;
+    if (this.width) this.cursor.style.transform = `translateX(${this.x(time)}px)`;
+  }
+
+  dress(look) {
+    this.look = look;
+    this.paths?.forEach((path, i) => {
+      const { muscle } = this.curves[i];
+      const chosen = look.selected === muscle.name;
+      const faint = look.selected !== null && !chosen;
+      path.style.display = look.shows(muscle) ? "" : "none";
+      path.style.stroke = look.colors.get(muscle.group);
+      path.style.strokeWidth = WIDTHS[chosen ? "chosen" : "plain"];
+      path.style.opacity = faint ? 0.22 : 1;
+      path.classList.toggle("chosen", chosen);
+    });
+    const chosen = this.svg.querySelector(".chosen");
+    if (chosen) this.svg.append(chosen); // on top
+  }
+
+  listen() {
+    let dragging = false;
+    const local = (event) => {
+      const box = this.svg.getBoundingClientRect();
+      return [event.clientX - box.x, event.clientY - box.y];
+    };
+    this.svg.addEventListener("pointerdown", (event) => {
+      const [x, y] = local(event);
+      const near = this.muscleNear(x, y);
+      if (near) this.tell.pick(near === this.look.selected ? null : near);
+      else this.tell.seek(this.timeAt(x));
+      dragging = !near;
+      if (dragging) this.svg.setPointerCapture(event.pointerId);
+    });
+    this.svg.addEventListener("pointermove", (event) => {
+      if (dragging) this.tell.seek(this.timeAt(local(event)[0]));
+      else this.svg.classList.toggle("over", Boolean(this.muscleNear(...local(event))));
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      this.svg.addEventListener(end, () => (dragging = false));
+    }
+  }
+
+  /** Name of the shown muscle whose curve passes closest to a point, if close enough. */
+  muscleNear(x, y) {
+    let best = { distance: NEAR, name: null };
+    for (const { muscle, values } of this.curves) {
+      if (!this.look.shows(muscle)) continue;
+      const distance = this.distance(values, x, y);
+      if (distance < best.distance) best = { distance, name: muscle.name };
+    }
+    return best.name;
+  }
+
+  distance(values, x, y) {
+    let least = Infinity;
+    for (let i = 1; i < values.length; i++) {
+      const { times } = this.plan;
+      const a = [this.x(times[i - 1]), this.y(values[i - 1])];
+      const b = [this.x(times[i]), this.y(values[i])];
+      if (b[0] < x - NEAR || a[0] > x + NEAR) continue;
+      least = Math.min(least, toSegment([x, y], a, b));
+    }
+    return least;
+  }
+}
+
+function curvesOf(plan, segment) {
+  const count = plan.trunk.muscles.length;
+  return plan.trunk.muscles.flatMap((muscle, m) => {
+    if (muscle.segment !== segment) return [];
+    const values = Array.from(plan.times, (_, i) => plan.activation[i * count + m]);
+    return [{ muscle, values }];
+  });
+}
+
+function toSegment([x, y], a, b) {
+  const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+  const share = ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1);
+  const at = Math.min(Math.max(share, 0), 1);
+  return Math.hypot(x - a[0] - at * dx, y - a[1] - at * dy);
+}
+
+/** Round numbers from low to high, some `count` of them. */
+export function ticks(low, high, count) {
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((n) => n * power).find((size) => size >= rough);
+  const first = Math.ceil(low / step - 1e-9);
+  const last = Math.floor(high / step + 1e-9);
+  return Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step);
+}
+
+export function short(value) {
+  return String(Number(value.toPrecision(3))).replace("-", "\u2212");
+}
+
+function svg(name, attributes) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  return element;
+}
+
+function text(content, attributes) {
+  const element = svg("text", attributes);
+  element.textContent = content;
+  return element;
+}

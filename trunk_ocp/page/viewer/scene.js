@@ -1,0 +1,234 @@
+// One plan as a three.js scene: muscles, the tissue inside, head, targets, log or fruit.
+
+/* global THREE */
+import { circle, makeSections, makeTube, writeSections, writeTube } from "./geometry.js";
+import { activationColor } from "./colors.js";
+import { instantAt, mixed } from "./data.js";
+
+const GHOST = 0.13; // opacity of the other muscles while one is selected
+const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540, fruit: 0x9c3848 };
+const TARGET = {
+  now: { color: 0x111111, radius: 0.014 },
+  other: { color: 0x8d8d8d, radius: 0.008 },
+};
+
+/** The scene of a plan; `show(time)` moves it, `dress(look)` colours and hides. */
+export class PlanScene {
+  constructor(plan) {
+    this.plan = plan;
+    this.sections = makeSections(plan);
+    this.scene = new THREE.Scene();
+    this.model = new THREE.Group();
+    this.model.rotation.x = Math.PI / 2; // +Z of the model points down
+    this.scene.add(this.model, ...lights());
+    this.muscles = plan.trunk.muscles.map((muscle) => this.muscleBody(muscle));
+    this.cores = coreTubes(plan.trunk).map((tube) => this.body(tube, solid(COLORS.core)));
+    this.skin = this.body(skinTube(plan.trunk), skinMaterial());
+    this.objects = plan.objects.map(objectMesh);
+    this.targets = targetMesh(plan.targets);
+    this.head = headGroup(plan.pivot);
+    this.model.add(this.head, ...this.objects, this.targets);
+  }
+
+  muscleBody(muscle) {
+    const { outline, hollow, first, last } = muscle;
+    const mesh = this.body(makeTube(outline, hollow, first, last), lined());
+    mesh.userData.muscle = muscle;
+    return mesh;
+  }
+
+  body(tube, material) {
+    const geometry = new THREE.BufferGeometry();
+    for (const name of ["position", "normal"]) {
+      const attribute = new THREE.BufferAttribute(new Float32Array(3 * tube.count), 3);
+      geometry.setAttribute(name, attribute.setUsage(35048)); // DYNAMIC_DRAW
+    }
+    geometry.setAttribute("rim", new THREE.BufferAttribute(tube.rim, 1));
+    geometry.setIndex(tube.triangles);
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.frustumCulled = false; // it moves; its bounds are not kept up to date
+    mesh.userData.tube = tube;
+    this.model.add(mesh);
+    return mesh;
+  }
+
+  show(time) {
+    const t = Math.min(time, this.plan.duration);
+    writeSections(this.sections, this.plan, t);
+    for (const mesh of [...this.muscles, ...this.cores, this.skin]) {
+      if (mesh.visible) this.move(mesh);
+    }
+    const instant = instantAt(this.plan.times, t);
+    this.objects.forEach((mesh, i) => placeObject(mesh, this.plan.objects[i].centre, instant));
+    markTargets(this.targets, this.plan.targets, t);
+    this.turnHead(instant);
+    if (this.look) this.colour(instant);
+  }
+
+  move(mesh) {
+    const { position, normal } = mesh.geometry.attributes;
+    writeTube(mesh.userData.tube, this.sections, position.array, normal.array);
+    position.needsUpdate = true;
+    normal.needsUpdate = true;
+    mesh.geometry.boundingSphere = null; // made again if something is picked
+  }
+
+  turnHead(instant) {
+    const [z, y] = [0, 1].map((i) => mixed(this.plan.head, 2, i, instant));
+    this.head.rotation.set(0, y, z, "ZYX"); // about Y first, then Z, as in head.py
+  }
+
+  dress(look) {
+    this.look = look;
+    for (const mesh of this.muscles) {
+      const { muscle } = mesh.userData;
+      mesh.visible = look.shows(muscle);
+      fade(mesh.material, look.selected !== null && look.selected !== muscle.name);
+    }
+    for (const mesh of this.cores) {
+      mesh.visible = look.parts.core;
+      fade(mesh.material, look.selected !== null);
+    }
+    this.skin.visible = look.parts.skin;
+    this.head.visible = look.parts.head;
+    this.targets.visible = look.parts.targets;
+    for (const mesh of this.objects) mesh.visible = look.parts.objects;
+  }
+
+  colour(instant) {
+    const { colorBy, colors, largest } = this.look;
+    const count = this.muscles.length;
+    this.muscles.forEach((mesh, i) => {
+      const a = Math.abs(mixed(this.plan.activation, count, i, instant));
+      const group = colors.get(mesh.userData.muscle.group);
+      mesh.material.color.set(colorBy === "group" ? group : activationColor(a / largest));
+    });
+  }
+
+  /** Name of the muscle that a ray meets first, or null. */
+  pick(raycaster) {
+    this.model.updateMatrixWorld();
+    const meshes = [...this.muscles, ...this.cores].filter((mesh) => mesh.visible);
+    const [hit] = raycaster.intersectObjects(meshes, false);
+    return hit?.object.userData.muscle?.name ?? null;
+  }
+}
+
+function lights() {
+  const sky = new THREE.HemisphereLight(0xffffff, 0xb5ada4, 2.3);
+  const sun = new THREE.DirectionalLight(0xffffff, 1.5);
+  sun.position.set(1.5, 3, 4);
+  return [sky, sun];
+}
+
+function solid(color) {
+  return new THREE.MeshLambertMaterial({ color });
+}
+
+/** A solid that lines its edges: neighbours of one colour are told apart, at no cost in meshes. */
+function lined() {
+  const material = solid(0xffffff);
+  material.onBeforeCompile = (shader) => {
+    shader.vertexShader = shader.vertexShader.replace("void main() {", `attribute float rim;
+      varying float vRim;
+      void main() {
+        vRim = rim;`);
+    shader.fragmentShader = shader.fragmentShader
+      .replace("void main() {", "varying float vRim;\nvoid main() {")
+      .replace("#include <color_fragment>", `#include <color_fragment>
+        float wide = fwidth(vRim);
+        float line = smoothstep(1.0 - 1.2 * wide, 1.0 - 0.4 * wide, vRim);
+        diffuseColor.rgb = mix(diffuseColor.rgb, vec3(0.9), 0.45 * line);`);
+  };
+  return material;
+}
+
+function skinMaterial() {
+  const color = COLORS.skin;
+  const glass = { transparent: true, opacity: 0.35, depthWrite: false };
+  return new THREE.MeshLambertMaterial({ color, ...glass });
+}
+
+function fade(material, ghost) {
+  if (material.transparent === ghost) return;
+  material.transparent = ghost;
+  material.opacity = ghost ? GHOST : 1;
+  material.depthWrite = !ghost;
+  material.needsUpdate = true;
+}
+
+/** What no muscle reaches into, segment by segment; muscles may leave nothing. */
+function coreTubes({ cores }) {
+  return cores
+    .filter(({ radius }) => radius > 0)
+    .map(({ first, last, radius }) => makeTube(circle(0.995 * radius), false, first, last));
+}
+
+function skinTube(trunk) {
+  return makeTube(circle(1.01 * trunk.radius), false, 0, trunk.taper.length - 1);
+}
+
+function objectMesh({ kind, radius, length }) {
+  // A cylinder's axis is y, as the log's.
+  const geometry =
+    kind === "log"
+      ? new THREE.CylinderGeometry(radius, radius, length, 40)
+      : new THREE.SphereGeometry(radius, 32, 20);
+  return new THREE.Mesh(geometry, solid(COLORS[kind]));
+}
+
+function placeObject(mesh, centre, instant) {
+  mesh.position.set(...[0, 1, 2].map((c) => mixed(centre, 3, c, instant)));
+}
+
+/** All targets as one mesh, for a plan may have many. */
+function targetMesh(targets) {
+  const dot = new THREE.SphereGeometry(1, 10, 6);
+  const mesh = new THREE.InstancedMesh(dot, new THREE.MeshBasicMaterial(), targets.length);
+  mesh.frustumCulled = false;
+  return mesh;
+}
+
+/** Those that hold now are larger and darker. */
+function markTargets(mesh, targets, t) {
+  const place = new THREE.Matrix4();
+  const color = new THREE.Color();
+  targets.forEach((target, i) => {
+    const now = t > target.from - 1e-6 && t < target.to + 1e-6;
+    const mark = TARGET[now ? "now" : "other"];
+    place.makeScale(mark.radius, mark.radius, mark.radius).setPosition(...target.position);
+    mesh.setMatrixAt(i, place);
+    mesh.setColorAt(i, color.set(mark.color));
+  });
+  if (!targets.length) return;
+  mesh.instanceMatrix.needsUpdate = true;
+  mesh.instanceColor.needsUpdate = true;
+}
+
+/** The sphere that the base moves on, with the circles that show how the head has turned. */
+function headGroup({ centre, radius }) {
+  const group = new THREE.Group();
+  group.position.set(...centre);
+  if (radius <= 0) return group;
+  const { head: color } = COLORS;
+  const ball = new THREE.MeshLambertMaterial({
+    color, transparent: true, opacity: 0.13, depthWrite: false,
+  });
+  group.add(new THREE.Mesh(new THREE.SphereGeometry(radius, 40, 24), ball));
+  group.add(new THREE.Mesh(new THREE.SphereGeometry(0.018, 16, 12), solid(color)));
+  for (const plane of ["xy", "xz", "yz"]) group.add(ring(radius, plane));
+  return group;
+}
+
+function ring(radius, plane) {
+  const flat = circle(radius, 72);
+  const points = Array.from({ length: 72 }, (_, i) => {
+    const at = { x: 0, y: 0, z: 0 };
+    [at[plane[0]], at[plane[1]]] = [flat[2 * i], flat[2 * i + 1]];
+    return new THREE.Vector3(at.x, at.y, at.z);
+  });
+  const material = new THREE.LineBasicMaterial({
+    color: COLORS.head, transparent: true, opacity: 0.55,
+  });
+  return new THREE.LineLoop(new THREE.BufferGeometry().setFromPoints(points), material);
+}

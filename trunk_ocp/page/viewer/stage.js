@@ -1,0 +1,197 @@
+// The canvas: one view for each plan, all seen by the same camera; orbit, zoom and picking.
+
+/* global THREE */
+import { PlanScene } from "./scene.js";
+
+const FIELD = 32; // degrees, vertical
+const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at first, rad
+const CLICK = 5; // px a pointer may move and still click
+const BACKGROUND = 0xf6f5f2;
+
+export class Stage {
+  /** `onPick(name or null)` is told what was clicked, `onChange()` that the view has changed. */
+  constructor(canvas, plans, onPick, onChange) {
+    this.canvas = canvas;
+    this.scenes = plans.map((plan) => new PlanScene(plan));
+    this.modest = drawsInSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.modest });
+    this.renderer.setClearColor(BACKGROUND);
+    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.05, 50);
+    this.bounds = bounds(plans);
+    this.controls = new THREE.OrbitControls(this.camera, canvas);
+    this.controls.addEventListener("change", onChange);
+    this.onPick = onPick;
+    this.onChange = onChange;
+    this.listen();
+    this.resize();
+    this.reset();
+  }
+
+  listen() {
+    let from = null;
+    this.canvas.addEventListener("pointerdown", (event) => {
+      from = event.isPrimary ? event : null;
+    });
+    this.canvas.addEventListener("pointerup", (event) => {
+      if (from && Math.hypot(event.x - from.x, event.y - from.y) < CLICK) this.click(event);
+      from = null;
+    });
+    new ResizeObserver(() => this.resize()).observe(this.canvas.parentElement);
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (!width || !height) return;
+    this.renderer.setPixelRatio(this.modest ? 1 : Math.min(devicePixelRatio, 2));
+    this.renderer.setSize(width, height, false);
+    this.views = views(this.scenes.length, width, height, this.extent());
+    const moved = this.fitted && !this.touched();
+    if (moved) this.reset();
+    this.onChange();
+  }
+
+  /** Whether the camera is elsewhere than `reset` has put it. */
+  touched() {
+    return this.camera.position.distanceTo(this.fitted) > 1e-6;
+  }
+
+  /** Half width, height and depth of the whole motion as the camera sees it at first. */
+  extent() {
+    const { half } = this.bounds;
+    const [cos, sin] = [Math.cos(DIRECTION.azimuth), Math.sin(DIRECTION.azimuth)];
+    const [wide, deep] = [half.x * cos + half.z * sin, half.x * sin + half.z * cos];
+    return { wide, high: half.y, deep };
+  }
+
+  /** Put the camera where the whole motion is in view. */
+  reset() {
+    const { width, height } = this.views[0];
+    const { centre } = this.bounds;
+    const { wide, high, deep } = this.extent();
+    const slope = Math.tan((FIELD * Math.PI) / 360);
+    const distance = Math.max(high, (wide * height) / width) / slope + 0.45 * deep;
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(direction(DIRECTION), 1.04 * distance);
+    this.controls.update();
+    this.fitted = this.camera.position.clone();
+    this.onChange();
+  }
+
+  /** Orbit by angles (rad) and zoom, for the keyboard. */
+  nudge(across, up, zoom) {
+    const arm = this.camera.position.clone().sub(this.controls.target);
+    const length = Math.min(Math.max(arm.length() * zoom, 0.3), 20);
+    const azimuth = Math.atan2(arm.x, arm.z) + across;
+    const elevation = Math.min(Math.max(Math.asin(arm.y / arm.length()) + up, -1.5), 1.5);
+    const towards = direction({ azimuth, elevation });
+    this.camera.position.copy(this.controls.target).addScaledVector(towards, length);
+    this.controls.update();
+  }
+
+  show(time) {
+    for (const scene of this.scenes) scene.show(time);
+    this.render();
+  }
+
+  render() {
+    const { renderer, camera, canvas } = this;
+    const height = canvas.parentElement.clientHeight;
+    renderer.setScissorTest(true);
+    this.views.forEach((view, i) => {
+      const box = [view.x, height - view.y - view.height, view.width, view.height];
+      renderer.setViewport(...box);
+      renderer.setScissor(...box);
+      aim(camera, view);
+      renderer.render(this.scenes[i].scene, camera);
+    });
+  }
+
+  dress(look) {
+    for (const scene of this.scenes) scene.dress(look);
+  }
+
+  click(event) {
+    const box = this.canvas.getBoundingClientRect();
+    this.onPick(this.muscleAt(event.clientX - box.x, event.clientY - box.y));
+  }
+
+  /** Name of the muscle at a point of the canvas, or null. */
+  muscleAt(x, y) {
+    const inside = (v) => x >= v.x && x < v.x + v.width && y >= v.y && y < v.y + v.height;
+    const i = this.views.findIndex(inside);
+    if (i < 0) return null;
+    const view = this.views[i];
+    aim(this.camera, view);
+    const across = (2 * (x - view.x)) / view.width - 1;
+    const up = 1 - (2 * (y - view.y)) / view.height;
+    const raycaster = new THREE.Raycaster();
+    raycaster.setFromCamera(new THREE.Vector2(across, up), this.camera);
+    return this.scenes[i].pick(raycaster);
+  }
+
+  /** Where a point of the model, in m, is on the canvas: the reverse of `muscleAt`. */
+  pointAt(number, point) {
+    const view = this.views[number];
+    aim(this.camera, view);
+    const at = turned(...point).project(this.camera);
+    return [view.x + ((at.x + 1) / 2) * view.width, view.y + ((1 - at.y) / 2) * view.height];
+  }
+}
+
+/** Whether WebGL has no graphics card: smooth edges would halve the frames a second there. */
+function drawsInSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return false; // three.js will say so
+  const info = gl.getExtension("WEBGL_debug_renderer_info");
+  const name = gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+function aim(camera, view) {
+  camera.aspect = view.width / view.height;
+  camera.updateProjectionMatrix();
+  camera.updateMatrixWorld();
+}
+
+/** Side by side or one above the other: as what is shown gets larger. */
+function views(count, width, height, { wide, high }) {
+  const size = (w, h) => Math.min(w / wide, h / high);
+  const beside = size(width / count, height) >= size(width, height / count);
+  const [w, h] = beside ? [width / count, height] : [width, height / count];
+  return Array.from({ length: count }, (_, i) => ({
+    x: beside ? i * w : 0,
+    y: beside ? 0 : i * h,
+    width: w,
+    height: h,
+  }));
+}
+
+function turned(x, y, z) {
+  return new THREE.Vector3(x, -z, y);
+}
+
+function direction({ azimuth, elevation }) {
+  return new THREE.Vector3().setFromSphericalCoords(1, Math.PI / 2 - elevation, azimuth);
+}
+
+/** Centre and half size of the box around everything that is ever seen. */
+function bounds(plans) {
+  const low = new THREE.Vector3(Infinity, Infinity, Infinity);
+  const high = low.clone().negate();
+  const add = (x, y, z, margin) => {
+    const point = turned(x, y, z);
+    low.min(point.clone().addScalar(-margin));
+    high.max(point.addScalar(margin));
+  };
+  const all = (array, margin) => {
+    for (let k = 0; k < array.length; k += 3) add(array[k], array[k + 1], array[k + 2], margin);
+  };
+  for (const { trunk, frames, objects, pivot } of plans) {
+    all(frames.position, 0.7 * trunk.radius);
+    add(...pivot.centre, pivot.radius);
+    for (const { centre, radius } of objects) all(centre, radius);
+  }
+  const half = high.clone().sub(low).divideScalar(2);
+  return { centre: low.add(half), half };
+}
