@@ -31,7 +31,6 @@ from .storage import load_plan, save_plan, summary
 
 EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
 BAD_INPUT, NOT_SOLVED = 2, 3
-PAGE = "motion.html"
 
 
 @click.command("solve")
@@ -159,18 +158,12 @@ def _plans(
 
 def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     """Figures of each plan, of two together, and the page to turn the trunk in."""
-    from .figures import draw, draw_comparison
-    from .page import write_page
+    from .drawing import draw_run  # matplotlib takes its time
 
-    drawn = [plan for plan in plans if len(plan.x)]
     with console.status("drawing figures; Ctrl-C leaves them out"):
-        for plan in drawn:
-            draw(plan, folder / plan_folder(plan) / "figures")
-        if len(drawn) == 2:
-            draw_comparison(drawn[0], drawn[1], folder / "figures")
-        if drawn:
-            write_page(drawn, folder / PAGE)
-            console.print(f"Turn it in a browser: {folder / PAGE}")
+        page = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
+    if page is not None:
+        console.print(f"Turn it in a browser: {page}")
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -296,6 +289,7 @@ def view(run: str, no_browser: bool) -> None:
 
     It is one file, motion.html, that needs neither server nor network.
     """
+    from .drawing import PAGE
     from .page import write_page
 
     with _clean_errors():

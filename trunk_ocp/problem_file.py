@@ -101,7 +101,9 @@ class LogSpec(Strict):
     radius: PositiveFloat
     length: PositiveFloat
     density: PositiveFloat
-    offset: Annotated[float, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")] = 0.0
+    offset: Annotated[
+        float, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")
+    ] = 0.0
 
 
 class LoadsSpec(Strict):
