@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from .figures import draw, draw_anatomy, draw_comparison
+from .figures import FORMATS, PARTS, draw_anatomy, draw_comparison
 from .page import write_page
 from .solution import Plan
 
@@ -31,7 +31,7 @@ def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Pa
     if not drawn:
         return None
     work: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
-        (draw, (plan, place / "figures")) for plan, place in drawn
+        (part, (plan, place / "figures", FORMATS)) for part in PARTS for plan, place in drawn
     ]
     if len(drawn) == 2:
         work.append((draw_comparison, (drawn[0][0], drawn[1][0], folder / "figures")))

@@ -21,6 +21,7 @@ from .shapes import draw_shapes
 __all__ = ["draw", "draw_anatomy", "draw_comparison", "write_film"]
 
 FORMATS = ("pdf", "png")
+PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # what takes longest first
 
 
 def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
@@ -30,9 +31,7 @@ def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> li
     the paper has none of errors. Returns the files written. A plan that was cut short or did
     not converge is drawn as far as it goes.
     """
-    path = Path(folder)
-    parts = (draw_shapes, draw_activations, draw_muscles, draw_errors)
-    return [file for part in parts for file in part(plan, path, formats)]
+    return [file for part in PARTS for file in part(plan, Path(folder), formats)]
 
 
 def draw_comparison(
