@@ -19,9 +19,11 @@ $(TESTABLE): requirements-test.txt | $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
 	touch $@
 
-# One worker a core; a solver of its own in each, so no threads inside.
+# One worker a core; a solver of its own in each, so no threads inside. What the browser showed is
+# kept in out/screenshots.
 test: venv $(TESTABLE)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=2
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 TRUNK_OCP_SCREENSHOTS=out/screenshots \
+	  $(BIN)/python -m pytest --numprocesses=2
 
 motion: venv
 	$(BIN)/solve-motion pick-fruit

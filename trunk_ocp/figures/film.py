@@ -24,7 +24,7 @@ from . import style
 from .instants import Instant, end_of, instants
 from .muscles import ACTIVATION, DARKEST, SECTIONS, VIEWS, strongest
 from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD
+from .shapes import WOOD, cargo
 from .things import Log, head_sphere, log_at
 
 RATE = 15  # frames per second of film
@@ -114,6 +114,8 @@ class Stage:
             Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))
             for index, body in enumerate(bodies)
         ]
+        step = self._step(moment.time)
+        surfaces += cargo(self.plan, self.plan.motion.steps[step].phase, moment)
         log = self._log(moment.time)
         if log is not None:
             surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
@@ -134,10 +136,15 @@ class Stage:
         red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
         return (red, green, blue)
 
+    def _step(self, time: float) -> int:
+        """Number, from 0, of the time step that a time leads to."""
+        planned = len(self.plan.x)
+        times = self.plan.motion.times[:planned]
+        return min(int(np.searchsorted(times, time - 1e-9)), planned - 1)
+
     def _log(self, time: float) -> Log | None:
         """The log at a time: where the time steps around it have it, and on a line between."""
-        motion, planned = self.plan.motion, len(self.plan.x)
-        after = min(int(np.searchsorted(motion.times[:planned], time - 1e-9)), planned - 1)
+        motion, after = self.plan.motion, self._step(time)
         log = log_at(motion, after)
         before = log_at(motion, after - 1) if after else None
         if log is None or before is None or motion.steps[after].phase == 0:

@@ -169,12 +169,16 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
     for number, log in enumerate(row.logs):
         if (number == 0 and index == 0) or (number == len(row.logs) - 1 and last):
             surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
-    if carried(plan.motion, row.number) > 0:
-        end = np.array([plan.motion.trunk.length])
-        shape = row.trunks[index].shape
-        ahead = CARGO_RADIUS * shape.directors(end)[0, 0, 2]
-        surfaces.append(Surface(ball(shape.position(end)[0, 0] + ahead, CARGO_RADIUS), CARGO))
-    return surfaces
+    return surfaces + cargo(plan, row.number, row.trunks[index])
+
+
+def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
+    """The mass that hangs at the tip during a phase, if any, ahead of the tip."""
+    if not carried(plan.motion, number) > 0:
+        return []
+    end, shape = np.array([plan.motion.trunk.length]), instant.shape
+    ahead = CARGO_RADIUS * shape.directors(end)[0, 0, 2]
+    return [Surface(ball(shape.position(end)[0, 0] + ahead, CARGO_RADIUS), CARGO)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
