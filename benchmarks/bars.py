@@ -60,38 +60,89 @@ def _number(value: float) -> str:
 
 def bars(parts: Parts) -> list[Bar]:
     """Every bar; `value` is None where it was not measured or failed."""
+    return [*planning(parts), *replanning(parts), *shapes(parts), *growth(parts), checked(parts)]
 
-    def get(key: str, name: str, factor: float = 1.0) -> float | None:
-        value = parts.get(key, {}).get(name)
-        return None if value is None else value * factor
 
+def get(parts: Parts, key: str, name: str, factor: float = 1.0) -> float | None:
+    """A figure of a part, if it was measured."""
+    value = parts.get(key, {}).get(name)
+    return None if value is None else value * factor
+
+
+def planning(parts: Parts) -> list[Bar]:
     result = []
     for motion in MOTIONS:
         key = f"horizon {motion}"
         solved = str(get_text(parts, key)).startswith("solved")
-        value = get(key, "total_seconds") if solved else None
+        value = get(parts, key, "total_seconds") if solved else None
         result.append(Bar(f"horizon plan, {motion}", value, *PLAN[motion]))
     for motion in MOTIONS:
-        plan = get(f"horizon {motion}", "total_seconds", 2.0)
+        plan = get(parts, f"horizon {motion}", "total_seconds", 2.0)
         limit = None if plan is None else plan + 2
-        value = get(f"command {motion}", "wall_seconds")
+        value = get(parts, f"command {motion}", "wall_seconds")
         result.append(Bar(f"`solve-motion {motion}`: 2 x the plan above + 2 s", value, limit))
     result.append(
         Bar(
             "peak memory of `solve-motion`, the worst of three",
-            worst(get(f"command {motion}", "peak_memory_mb") for motion in MOTIONS),
+            worst(get(parts, f"command {motion}", "peak_memory_mb") for motion in MOTIONS),
             300,
             unit="MB",
         )
     )
+    return result
+
+
+def replanning(parts: Parts) -> list[Bar]:
+    result = []
     for motion in MOTIONS:
         key = f"replan {motion}"
         result += [
-            Bar(f"re-plan, {motion}: iterations, worst", get(key, "worst_iterations"), 5, unit=""),
-            Bar(f"re-plan, {motion}: median", get(key, "seconds", 1e3), 150, 40, "ms"),
+            Bar(
+                f"re-plan, {motion}: iterations, worst",
+                get(parts, key, "worst_iterations"),
+                5,
+                unit="",
+            ),
+            Bar(f"re-plan, {motion}: median", get(parts, key, "seconds", 1e3), 150, 40, "ms"),
         ]
-    growth = {
-        kind: ratio(get(f"{kind} {a}", each), get(f"{kind} {b}", each), b / a)
+    return result
+
+
+def shapes(parts: Parts) -> list[Bar]:
+    return [
+        Bar("one loaded shape, cold", get(parts, "single", "cold_seconds", 1e3), 1, 0.85, "ms"),
+        Bar("one loaded shape, warm", get(parts, "single", "warm_seconds", 1e3), 0.3, unit="ms"),
+        Bar("its error", worst([get(parts, "single", name) for name in ERRORS]), 1e-6, unit="L"),
+        Bar(
+            "loaded shapes, two cores",
+            get(parts, "loaded", "per_second_two_cores"),
+            5e3,
+            2e4,
+            "/s",
+            True,
+        ),
+        Bar(
+            "their error",
+            worst([get(parts, "loaded", ERRORS[0]), get(parts, "single", ERRORS[1])]),
+            1e-5,
+            unit="L",
+        ),
+        Bar(
+            "unloaded shapes, two cores",
+            get(parts, "unloaded", "per_second_two_cores"),
+            1e6,
+            unit="/s",
+            least=True,
+        ),
+        Bar(
+            "tip Jacobian over the shape", get(parts, "single", "jacobian_over_shape"), 3, unit="x"
+        ),
+    ]
+
+
+def growth(parts: Parts) -> list[Bar]:
+    linear = {
+        kind: ratio(get(parts, f"{kind} {a}", each), get(parts, f"{kind} {b}", each), b / a)
         for each in ["seconds_per_iteration"]
         for kind, a, b in (
             ("steps", STEPS[0], STEPS[-1]),
@@ -100,47 +151,29 @@ def bars(parts: Parts) -> list[Bar]:
     }
     solved = {n: str(get_text(parts, f"whole {n}")).startswith("solved") for n in WHOLE}
     return [
-        *result,
-        Bar("one loaded shape, cold", get("single", "cold_seconds", 1e3), 1, 0.85, "ms"),
-        Bar("one loaded shape, warm", get("single", "warm_seconds", 1e3), 0.3, unit="ms"),
-        Bar("its error", worst([get("single", name) for name in ERRORS]), 1e-6, unit="L"),
-        Bar(
-            "loaded shapes, two cores", get("loaded", "per_second_two_cores"), 5e3, 2e4, "/s", True
-        ),
-        Bar(
-            "their error",
-            worst([get("loaded", ERRORS[0]), get("single", ERRORS[1])]),
-            1e-5,
-            unit="L",
-        ),
-        Bar(
-            "unloaded shapes, two cores",
-            get("unloaded", "per_second_two_cores"),
-            1e6,
-            unit="/s",
-            least=True,
-        ),
-        Bar("tip Jacobian over the shape", get("single", "jacobian_over_shape"), 3, unit="x"),
-        Bar("one iteration, 10 -> 80 steps, of linear growth", growth["steps"], 1.25, unit="x"),
-        Bar("the same, 3 -> 24 segments", growth["segments"], 1.25, unit="x"),
+        Bar("one iteration, 10 -> 80 steps, of linear growth", linear["steps"], 1.25, unit="x"),
+        Bar("the same, 3 -> 24 segments", linear["segments"], 1.25, unit="x"),
         Bar(
             "24 segments, lift-log horizon, solved and verified",
-            get("whole 24", "total_seconds") if solved[24] else None,
+            get(parts, "whole 24", "total_seconds") if solved[24] else None,
             60,
         ),
         Bar(
             "99 segments, the same (100 are the stretch)",
-            get("whole 99", "total_seconds") if solved[99] else None,
+            get(parts, "whole 99", "total_seconds") if solved[99] else None,
             None,
             60,
         ),
-        Bar(
-            "verification difference, the worst of three motions",
-            worst(get(f"horizon {motion}", "verification_error_m", 1e3) for motion in MOTIONS),
-            0.1,
-            unit="mm",
-        ),
     ]
+
+
+def checked(parts: Parts) -> Bar:
+    return Bar(
+        "verification difference, the worst of three motions",
+        worst(get(parts, f"horizon {motion}", "verification_error_m", 1e3) for motion in MOTIONS),
+        0.1,
+        unit="mm",
+    )
 
 
 def get_text(parts: Parts, key: str) -> Any:

@@ -116,9 +116,11 @@ def forward(parts: Parts) -> list[str]:
         f"{text(one.get('reference_error_in_L'))} L.",
         "",
         *table(head, rows),
-        "## Forward: batches",
-        "",
     ]
+    return [*lines, *batches(parts)]
+
+
+def batches(parts: Parts) -> list[str]:
     head = ["batch", "shapes", "per second, one core", "two cores", "error / L", "peak MB"]
     rows = [
         [kind, p.get("shapes"), whole_number(p.get("per_second_one_core")),
@@ -132,7 +134,7 @@ def forward(parts: Parts) -> list[str]:
         f"(`unloaded_states`, 1,000 at a time): {closed} per second, one core. Peak memory "
         f"includes the reference's."
     )
-    return [*lines, *table(head, rows), note, ""]
+    return ["## Forward: batches", "", *table(head, rows), note, ""]
 
 
 def whole_number(value: float | None) -> str:

@@ -100,12 +100,12 @@ def combined(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def command(motion: str, repeats: int) -> dict[str, Any]:
-    """`solve-motion` as a user starts it: wall seconds, CPU seconds, peak memory."""
+    """`solve-motion --no-figures` as a user starts it: wall seconds, CPU seconds, peak memory."""
     executable = Path(sys.executable).parent / "solve-motion"
     runs = []
     for _ in range(repeats):
         with tempfile.TemporaryDirectory() as folder:
-            words = [str(executable), motion, "--quiet", "--out", folder]
+            words = [str(executable), motion, "--quiet", "--no-figures", "--out", folder]
             began = time.perf_counter()
             process = subprocess.Popen(words, env=os.environ | ONE_THREAD)
             _, status, usage = os.wait4(process.pid, 0)
