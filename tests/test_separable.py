@@ -54,7 +54,7 @@ def rosenbrock(count):
     w, p = ca.SX.sym("w", 2), ca.SX.sym("p", 2)
     phi = ca.Function("phi", [w, p], [p[0] * (w[1] - w[0] ** 2) ** 2 + (p[1] - w[0]) ** 2])
     add.cost(phi, np.stack([x[:-1], x[1:]]), np.tile([[100.0], [1.0]], count - 1))
-    rows = add.rows(2, lower=-1.0, upper=[2.0, 3.0])
+    rows = add.rows("a", 2, lower=-1.0, upper=[2.0, 3.0])
     add.linear(rows[0], x, np.arange(count))
     # The second row adds up a vector term at two places, one weighted by -3.
     w, p = ca.SX.sym("w", 2), ca.SX.sym("p", 0)
@@ -98,8 +98,8 @@ def test_bounds_come_back_in_the_order_of_variables_and_rows():
     add = Assembly()
     add.variables(2, lower=-1.0, upper=[3.0, 4.0])
     add.variables(1, 2)
-    add.rows(2, lower=[1.0, 2.0], upper=5.0)
-    add.rows(1)
+    add.rows("a", 2, lower=[1.0, 2.0], upper=5.0)
+    add.rows("b", 1)
     bounds = add.bounds
     assert bounds["lbx"].tolist() == [-1, -1, -np.inf, -np.inf]
     assert bounds["ubx"].tolist() == [3, 4, np.inf, np.inf]

@@ -6,7 +6,7 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 
 from .anatomy import Trunk, load_anatomy
 from .comparison import compare, measure
-from .errors import InputError, SolverMissingError, StaticsError, TrunkError
+from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
@@ -27,6 +27,7 @@ __all__ = [
     "Motion",
     "Options",
     "Plan",
+    "PlanError",
     "PointShapes",
     "Progress",
     "Replanner",

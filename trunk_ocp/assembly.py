@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -27,6 +27,24 @@ class _Places:
     weights: np.ndarray
 
 
+@dataclass(frozen=True)
+class Block:
+    """Rows of constraints that belong together, named for who asks which one is violated.
+
+    `rows` has any shape; its last axis is that of the components. `Z` (m) has the shape of the
+    other axes, if rows belong to points of the trunk. `step` is the time step, from 0.
+    """
+
+    name: str
+    rows: np.ndarray
+    Z: np.ndarray | None = None
+    step: int | None = None
+
+    def moved(self, by: int, step: int) -> Block:
+        """The same of a time step, with row numbers grown by a number."""
+        return replace(self, rows=self.rows + by, step=step)
+
+
 class Assembly:
     """Collects variables, constraint rows, linear entries and terms."""
 
@@ -37,6 +55,7 @@ class Assembly:
         self._row_upper: list[np.ndarray] = []
         self._linear: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._terms: list[_Places] = []
+        self.blocks: list[Block] = []
         self._count = 0
         self._rows = 0
 
@@ -51,14 +70,28 @@ class Assembly:
         return np.arange(self._count - size, self._count).reshape(shape)
 
     def rows(
-        self, *shape: int, lower: float | np.ndarray = 0.0, upper: float | np.ndarray = 0.0
+        self,
+        name: str,
+        *shape: int,
+        lower: float | np.ndarray = 0.0,
+        upper: float | np.ndarray = 0.0,
+        Z: np.ndarray | None = None,
+        step: int | None = None,
     ) -> np.ndarray:
-        """New constraint rows, lower <= g <= upper; returns their row numbers in F."""
-        size = int(np.prod(shape))
-        self._row_lower.append(np.broadcast_to(lower, shape).ravel().astype(float))
-        self._row_upper.append(np.broadcast_to(upper, shape).ravel().astype(float))
-        self._rows += size
-        return 1 + np.arange(self._rows - size, self._rows).reshape(shape)
+        """New constraint rows, lower <= g <= upper; returns their row numbers in F.
+
+        The others are as in `Block`.
+        """
+        rows = self._more_rows(np.broadcast_to(lower, shape), np.broadcast_to(upper, shape))
+        if rows.size:
+            self.blocks.append(Block(name, rows, Z, step))
+        return rows
+
+    def _more_rows(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        self._row_lower.append(lower.ravel().astype(float))
+        self._row_upper.append(upper.ravel().astype(float))
+        self._rows += lower.size
+        return 1 + np.arange(self._rows - lower.size, self._rows).reshape(lower.shape)
 
     def linear(
         self, rows: np.ndarray, columns: np.ndarray, values: float | np.ndarray = 1.0
@@ -90,11 +123,15 @@ class Assembly:
             self.term(function, variables, parameters, 0, np.arange(variables.shape[1]), 0)
 
     def include(
-        self, part: Assembly, bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]] = ()
+        self,
+        part: Assembly,
+        bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+        step: int,
     ) -> tuple[int, int]:
         """Add variables, rows, linear entries and constraint terms of a part, numbered on.
 
         bounds : (variables of the part, lower, upper), in place of the part's own bounds.
+        step : time step that the part's rows belong to.
 
         Returns
         -------
@@ -105,7 +142,8 @@ class Assembly:
         for places, lower, upper in bounds:
             own["lbx"][places], own["ubx"][places] = lower, upper
         self.variables(part._count, lower=own["lbx"], upper=own["ubx"])
-        self.rows(part._rows, lower=own["lbg"], upper=own["ubg"])
+        self._more_rows(own["lbg"], own["ubg"])
+        self.blocks += [block.moved(rows, step) for block in part.blocks]
         r, c, v = part._entries
         self._linear.append((r + rows, c + variables, v))
         for t in part._terms:

@@ -29,8 +29,7 @@ from .solution import Plan, Status
 from .solver import check_linear_solver
 from .storage import load_plan, save_plan, summary
 
-EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: 4}
-BAD_INPUT, NOT_SOLVED = 2, 3
+BAD_INPUT = 2
 
 
 @click.command("solve")
@@ -135,7 +134,7 @@ def solve(
     if as_json:
         reports = {plan_folder(plan): summary(plan) for plan in plans}
         click.echo(json.dumps(reports, indent=2))
-    sys.exit(max(EXIT_CODES.get(plan.status, NOT_SOLVED) for plan in plans))
+    sys.exit(max(plan.status.exit_code for plan in plans))
 
 
 def plan_folder(plan: Plan) -> str:
@@ -147,13 +146,14 @@ def _plans(
     motion: Motion, mode: str, lookahead: int | None, options: Options, reporter: Reporter
 ) -> list[Plan]:
     if lookahead is not None:
-        return [plan_motion(motion, lookahead, options, reporter)]
+        return [plan_motion(motion, lookahead, options, reporter, throw=False)]
     if mode == "horizon":
-        return [plan_motion(motion, None, options, reporter)]
-    sequential = plan_motion(motion, 1, options, reporter)
+        return [plan_motion(motion, None, options, reporter, throw=False)]
+    sequential = plan_motion(motion, 1, options, reporter, throw=False)
     if mode == "sequential" or reporter.stop:
         return [sequential]
-    return [sequential, plan_motion(motion, None, options, reporter, start=sequential)]
+    horizon = plan_motion(motion, None, options, reporter, start=sequential, throw=False)
+    return [sequential, horizon]
 
 
 def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
@@ -217,7 +217,7 @@ def _clean_errors() -> Iterator[None]:
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
         click.echo("Interrupted; nothing more was saved.", err=True)
-        sys.exit(EXIT_CODES[Status.INTERRUPTED])
+        sys.exit(Status.INTERRUPTED.exit_code)
 
 
 def _check_writable(folder: Path) -> None:
@@ -278,7 +278,7 @@ def _finished(run: str) -> tuple[Path, dict[Path, Plan]]:
             f"{run}: no finished run here or in {folder}/; expected a folder that solve-motion "
             "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
         )
-    return folder, {path.parent: load_plan(path.parent) for path in found}
+    return folder, {path.parent: load_plan(path.parent, throw=False) for path in found}
 
 
 @main.command("view")

@@ -34,6 +34,11 @@ class Box:
     lower: np.ndarray
     upper: np.ndarray
 
+    @property
+    def limited(self) -> np.ndarray:
+        """Indices of the unknowns that have a finite bound."""
+        return np.flatnonzero(np.isfinite(self.lower) | np.isfinite(self.upper))
+
 
 @dataclass(frozen=True)
 class Auxiliary:

@@ -24,7 +24,7 @@ from .motion import Box, Motion, Step, allowed
 from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
-from .solver import CONVERGED, ROUGH, Optimiser, Outcome
+from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Weights, Window
@@ -35,8 +35,6 @@ REFINEMENTS = 2
 """How often the mesh is halved where the independent check finds it too coarse."""
 RANDOM = 0.4
 """Largest activation of a random start, as a share of its lower bound."""
-FEASIBLE = 1e-6
-"""Largest constraint violation, in the transcription's units, of a usable candidate."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,7 @@ def plan_motion(
     options: Options | None = None,
     reporter: Reporter | None = None,
     start: Plan | None = None,
+    throw: bool = True,
 ) -> Plan:
     """Find activations and head angles that perform a motion.
 
@@ -97,14 +96,18 @@ def plan_motion(
         A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
         the sequential plan. A horizon returns nothing worse by its own objective, as long as
         the start keeps the horizon's bounds, which appendix B does not ask of a sequential plan.
+    throw : bool
+        False to get a plan that is not solved as well: look at its `status`.
 
     Returns
     -------
     Plan
-        Look at its `status` before using it; a plan is returned even if not converged.
+        Solved and verified.
 
     Raises
     ------
+    PlanError
+        If it is not solved; the error has the plan.
     InputError
         If the lookahead is not a whole number from 1 on.
     SolverMissingError
@@ -139,14 +142,16 @@ def plan_motion(
             again = plan if mode != "sequential" else None
             plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again).run()
     parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
-    return replace(
+    plan = replace(
         plan,
         iterations=sum(part.iterations for part in parts),
         setup_seconds=sum(part.setup_seconds for part in parts),
         solve_seconds=sum(part.solve_seconds for part in parts),
         derivative_seconds=sum(part.derivative_seconds for part in parts),
         total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
+        solves=(*(given.solves if given else ()), *rough.solves, *optimiser.solves),
     )
+    return plan.checked() if throw else plan
 
 
 def first_mesh(motion: Motion, options: Options) -> Mesh:

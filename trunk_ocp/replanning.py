@@ -49,11 +49,15 @@ class Replanner:
         start = window.pack(plan.x, plan.shape)
         self._last = self._optimiser.solve(window, start, "re-plan", "multipliers")
 
-    def __call__(self, motion: Motion) -> Plan:
+    def __call__(self, motion: Motion, throw: bool = True) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
+
+        throw : whether a plan that is not solved raises, as in `plan_motion`.
 
         Raises
         ------
+        PlanError
+            If the plan is not solved; the error has the plan.
         InputError
             If the motion has another structure; plan it anew with `plan_motion`.
         """
@@ -71,13 +75,15 @@ class Replanner:
             self._last = outcome
         state = State()
         planner.keep(window, outcome, len(motion.steps), state)
-        return replace(
+        plan = replace(
             planner.plan(state),
             iterations=outcome.iterations,
             solve_seconds=self._optimiser.solve_seconds - solve,
             derivative_seconds=self._optimiser.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
+            solves=tuple(self._optimiser.solves[-1:]),
         )
+        return plan.checked() if throw else plan
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)

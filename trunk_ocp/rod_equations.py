@@ -99,17 +99,17 @@ def _strain_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
     """Strain numbers from activations; mean extension from extensions (eqs. 5, 30)."""
     A = strain_matrix(trunk) * np.array([1, *3 * [trunk.length]])[:, None]
     rest = np.tile([1.0, 0, 0, 0], (trunk.segments, 1))
-    rows = add.rows(trunk.segments, 4, lower=rest, upper=rest)
+    rows = add.rows("strain", trunk.segments, 4, lower=rest, upper=rest)
     add.linear(rows, u.strain)
     add.linear(rows[..., None], u.x[: A.shape[2]], -A)
-    row = add.rows(1)
+    row = add.rows("mean extension", 1)
     add.linear(row, u.mean)
     add.linear(row, u.strain[:, 0], -segment_fractions(trunk))
 
 
 def _base_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
     """Base position and orientation from the head angles (eqs. 35-39)."""
-    rows = add.rows(7)
+    rows = add.rows("base", 7)
     add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
     add.term(base(trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0)
 
@@ -131,12 +131,12 @@ def _point_variables(
             continue
         q, r = add.variables(4), add.variables(3)
         u.points[Z] = (q, r)
-        rows = add.rows(4)
+        rows = add.rows("frame at a target", 4, Z=np.array(Z))
         values = gauss(mesh.degree).value(tau)
         states = np.concatenate([u.edges[element, None, :4], u.inner[element, :, :4]])
         add.linear(rows, q)
         add.linear(rows, states, -values[:, None])
-        rows = add.rows(3)
+        rows = add.rows("position at a target", 3, Z=np.array(Z))
         add.linear(rows, r)
         add.linear(rows, u.line[element], -1.0)
         inside.append((element, tau, rows))
@@ -147,12 +147,12 @@ def _linear_rows(add: Assembly, mesh: Mesh, u: Unknowns) -> tuple[np.ndarray, np
     """Collocation, continuity and centerline without the rates; rows of the first and last."""
     E, d, element = mesh.elements, mesh.degree, gauss(mesh.degree)
     states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
-    collocation = add.rows(E, d, STATES)
+    collocation = add.rows("rod", E, d, STATES, Z=mesh.points)
     add.linear(collocation[:, :, None], states[:, None], element.derivative[None, :, :, None])
-    continuity = add.rows(E, STATES)
+    continuity = add.rows("continuity", E, STATES, Z=np.array(mesh.edges[1:]))
     add.linear(continuity, u.edges[1:])
     add.linear(continuity[:, None], states, -element.value(1.0)[None, :, None])
-    line = add.rows(E, 3)
+    line = add.rows("centerline", E, 3, Z=np.array(mesh.edges[1:]))
     add.linear(line, u.line[1:])
     add.linear(line, u.line[:-1], -1.0)
     return collocation, line

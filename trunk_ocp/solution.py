@@ -10,9 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from .collocation import Mesh
+from .errors import PlanError
 from .interpolation import interpolate
 from .loads import Loads, vector
 from .motion import Motion
+from .solver import Solve
 from .statics import Shape, solve_statics
 from .targets import Held
 from .transcription import Weights
@@ -20,13 +22,28 @@ from .verification import Verification, verify
 
 
 class Status(enum.Enum):
-    """How a plan ended; the value is the sentence a user reads."""
+    """How a plan ended; the value is the sentence a user reads. Only the first is a success."""
 
     SOLVED = "solved and verified"
     MISSED = "converged and verified, but a target is out of reach"
+    UNSTABLE = "converged and verified, but the trunk would not stay in an unstable shape"
     UNVERIFIED = "converged, but the independent check failed"
-    NOT_CONVERGED = "not converged; the best that was reached is saved"
-    INTERRUPTED = "interrupted; the best so far is saved"
+    INFEASIBLE = "not converged: no motion was found that keeps all bounds"
+    ITERATION_LIMIT = "not converged within the allowed iterations; the best reached is kept"
+    NOT_CONVERGED = "not converged; the best reached is kept"
+    INTERRUPTED = "interrupted; the best so far is kept"
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a command that ends so: 0 solved, 4 interrupted, 3 anything else."""
+        return {Status.SOLVED: 0, Status.INTERRUPTED: 4}.get(self, 3)
+
+
+FAILURES = {
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+}
+"""What Ipopt's words for a failure mean here; any other is NOT_CONVERGED."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +105,8 @@ class Plan:
         here, rather than near the step before (sequential plans, appendix B).
     derivative_seconds : float
         Of `solve_seconds`, those in the objective, the constraints and their derivatives.
+    solves : tuple of Solve
+        Record of every solve, in order.
     """
 
     motion: Motion
@@ -106,6 +125,7 @@ class Plan:
     derivative_seconds: float = 0.0
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
+    solves: tuple[Solve, ...] = ()
 
     def __repr__(self) -> str:
         steps = f"{len(self.x)} of {len(self.motion.steps)} steps"
@@ -167,10 +187,29 @@ class Plan:
         if self.interrupted:
             return Status.INTERRUPTED
         if not self.converged or len(self.x) < len(self.motion.steps):
-            return Status.NOT_CONVERGED
+            message = self.failure.message if self.failure else ""
+            return FAILURES.get(message, Status.NOT_CONVERGED)
         if self.verification.faults:
             return Status.UNVERIFIED
         return Status.MISSED if self.missed else Status.SOLVED
+
+    @property
+    def failure(self) -> Solve | None:
+        """The last solve that failed, of a plan that did not converge."""
+        failed = [solve for solve in self.solves if not solve.converged]
+        return failed[-1] if failed and not self.converged else None
+
+    def checked(self) -> Plan:
+        """The plan itself, if it is solved and verified.
+
+        Raises
+        ------
+        PlanError
+            If it is anything else.
+        """
+        if self.status is not Status.SOLVED:
+            raise PlanError(self)
+        return self
 
     @property
     def verified(self) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from .errors import SolverMissingError
 from .reporting import Progress, Reporter
 from .transcription import Window
+from .violations import Violation, violations
 
 # One set for all motions, chosen by measurement on the three shipped ones. Most solves start
 # from a good guess; a small first barrier and little push away from bounds stay near it, where
@@ -46,11 +47,54 @@ CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
 KEPT = "Start_Kept"
 STOPPED = "User_Requested_Stop"
+FEASIBLE = 1e-6
+"""Largest constraint violation, in the transcription's units, of a usable point."""
+
+
+@dataclass(frozen=True)
+class Solve:
+    """Record of one solve, for whoever asks how it went.
+
+    Attributes
+    ----------
+    stage, detail : str
+        As in `Progress`.
+    first, last : int
+        Time steps solved for, from 1.
+    message : str
+        Ipopt's return status.
+    objective, infeasibility : float
+        Of the point that was returned: the best one met if the solve did not converge.
+    history : tuple of (objective, primal infeasibility, dual infeasibility)
+        One entry for each iteration, the start included.
+    violations : tuple of Violation
+        What does not hold at the returned point; empty if the solve converged.
+    """
+
+    stage: str
+    detail: str
+    first: int
+    last: int
+    message: str
+    objective: float
+    infeasibility: float
+    history: tuple[tuple[float, float, float], ...]
+    violations: tuple[Violation, ...] = ()
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return max(len(self.history) - 1, 0)
+
+    @property
+    def converged(self) -> bool:
+        """Whether Ipopt found a local optimum."""
+        return self.message in CONVERGED
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solve of a window ended with."""
+    """What one solve of a window ended with: the best point met, if it did not converge."""
 
     full: np.ndarray
     objective: float
@@ -85,6 +129,7 @@ class Optimiser:
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
     derivative_seconds: float = 0.0  # of the solves: objective, constraints and derivatives
+    solves: list[Solve] = field(default_factory=list, repr=False)
     _ready: dict[Hashable, tuple[ca.Function, _Watch]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -107,13 +152,33 @@ class Optimiser:
         self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
         self.derivative_seconds += derivative_seconds(stats)
-        full, g = np.asarray(result["x"]).ravel(), np.asarray(result["g"]).ravel()
+        message = str(stats["return_status"])
+        point = _point(window, result["x"], float(result["f"]), result["g"])
+        violated: tuple[Violation, ...] = ()
+        if message not in CONVERGED:  # Ipopt returns its last point, which may be a poor one
+            point = watch.best if watch.best is not None and watch.best < point else point
+            violated = violations(window, point.full, point.g)
+        record = stats["iterations"]
+        history = zip(record["obj"], record["inf_pr"], record["inf_du"], strict=True)
+        steps = (window.offset + 1, window.offset + len(window.steps))
+        self.solves.append(
+            Solve(
+                stage,
+                detail,
+                *steps,
+                message,
+                point.objective,
+                point.infeasibility,
+                tuple(history),
+                violated,
+            )
+        )
         return Outcome(
-            full,
-            float(result["f"]),
-            _violation(g, window.bounds["lbg"], window.bounds["ubg"]),
+            point.full,
+            point.objective,
+            point.infeasibility,
             int(stats["iter_count"]),
-            str(stats["return_status"]),
+            message,
             {"lam_x0": result["lam_x"], "lam_g0": result["lam_g"]},
         )
 
@@ -154,8 +219,34 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
     return float(sum(stats[f"t_wall_{name}"] for name in functions))
 
 
+@dataclass(frozen=True)
+class _Point:
+    """A point of a programme. The smaller is the better: feasible first, then by objective."""
+
+    full: np.ndarray
+    g: np.ndarray
+    objective: float
+    infeasibility: float
+
+    def __lt__(self, other: _Point) -> bool:
+        return self._rank < other._rank
+
+    @property
+    def _rank(self) -> tuple[bool, float]:
+        infeasible = not self.infeasibility <= FEASIBLE
+        value = self.infeasibility if infeasible else self.objective
+        return infeasible, value if np.isfinite(value) else np.inf
+
+
+def _point(window: Window, x: ca.DM, objective: float, g: ca.DM) -> _Point:
+    constraints = np.asarray(g).ravel()
+    bounds = window.bounds
+    violation = _violation(constraints, bounds["lbg"], bounds["ubg"])
+    return _Point(np.asarray(x).ravel(), constraints, objective, violation)
+
+
 class _Watch(ca.Callback):
-    """Ipopt's iteration callback: reports progress, and stops when the reporter says so."""
+    """Ipopt's iteration callback: reports progress, keeps the best point, stops when told to."""
 
     def __init__(self, variables: int, constraints: int, parameters: int) -> None:
         ca.Callback.__init__(self)
@@ -173,6 +264,7 @@ class _Watch(ca.Callback):
         self._window, self._reporter = window, reporter
         self._stage, self._detail = stage, detail
         self._iteration = -1
+        self.best: _Point | None = None
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())
@@ -192,7 +284,9 @@ class _Watch(ca.Callback):
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         window = self._window
         self._iteration += 1
-        full, g = np.asarray(arguments[0]).ravel(), np.asarray(arguments[2]).ravel()
+        point = _point(window, arguments[0], float(arguments[1]), arguments[2])
+        if self.best is None or point < self.best:
+            self.best = point
         self._reporter.iteration(
             Progress(
                 self._stage,
@@ -200,8 +294,8 @@ class _Watch(ca.Callback):
                 window.offset + 1,
                 window.offset + len(window.steps),
                 self._iteration,
-                window.worst_error(full),
-                _violation(g, window.bounds["lbg"], window.bounds["ubg"]),
+                window.worst_error(point.full),
+                point.infeasibility,
             )
         )
         return [int(self._reporter.stop)]
@@ -230,4 +324,6 @@ def check_linear_solver(name: str) -> None:
 
 
 def _violation(g: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    return float(np.maximum(np.maximum(lower - g, g - upper), 0.0).max(initial=0.0))
+    """Largest excess over bounds; infinite if a value is not a number."""
+    excess = np.maximum(np.maximum(lower - g, g - upper), 0.0)
+    return float(np.where(np.isnan(excess), np.inf, excess).max(initial=0.0))

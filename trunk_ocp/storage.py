@@ -11,6 +11,7 @@ import csv
 import io
 import json
 import math
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,10 @@ from .errors import InputError, TrunkError
 from .motion import build_motion
 from .problem_file import ProblemSpec
 from .solution import Plan, loads_of
+from .solver import Solve
 from .statics import shape_of_states
 from .transcription import Weights
+from .violations import Violation
 
 POINTS = 101
 
@@ -39,21 +42,26 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     dataset(plan).to_netcdf(folder / "solution.nc", engine="scipy")
 
 
-def load_plan(folder: str | Path) -> Plan:
+def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     """Read a plan that `save_plan` wrote.
+
+    throw : False to get a plan that is not solved as well: look at its `status`.
 
     Raises
     ------
+    PlanError
+        If the plan is not solved; the error has the plan.
     InputError
         If the folder has no readable solution.nc.
     """
     path = Path(folder) / "solution.nc"
     try:
-        return _restore(xr.load_dataset(io.BytesIO(path.read_bytes()), engine="scipy"))
+        plan = _restore(xr.load_dataset(io.BytesIO(path.read_bytes()), engine="scipy"))
     except (OSError, LookupError, ValueError, TypeError, TrunkError) as error:
         raise InputError(
             f"{path}: cannot be read as a plan ({error}); expected a file written by solve-motion."
         ) from None
+    return plan.checked() if throw else plan
 
 
 def _restore(data: xr.Dataset) -> Plan:
@@ -91,7 +99,15 @@ def _restore(data: xr.Dataset) -> Plan:
         derivative_seconds=float(attributes["seconds_derivatives"]),
         total_seconds=float(attributes["seconds_total"]),
         notes=tuple(json.loads(attributes["notes_json"])),
+        solves=tuple(_solve(record) for record in json.loads(attributes["solves_json"])),
     )
+
+
+def _solve(record: dict[str, Any]) -> Solve:
+    """A solve's record, as `asdict` and JSON leave it."""
+    history = tuple(tuple(entry) for entry in record.pop("history"))
+    violated = tuple(Violation(**entry) for entry in record.pop("violations"))
+    return Solve(**record, history=history, violations=violated)
 
 
 def summary(plan: Plan) -> dict[str, Any]:
@@ -241,6 +257,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "problem_json": motion.spec.model_dump_json(),
         "anatomy_json": motion.anatomy.model_dump_json(),
         "notes_json": json.dumps(plan.notes),
+        "solves_json": json.dumps([asdict(solve) for solve in plan.solves]),
         "status": plan.status.name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
@@ -260,11 +277,13 @@ def _attributes(plan: Plan) -> dict[str, Any]:
 def _write_activations(plan: Plan, path: Path) -> None:
     """One row for each time step, the passive start included."""
     motion = plan.motion
-    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad", "plan"]
+    status = plan.status.name.lower()  # in every row: no one takes a failed plan for a solved one
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(head)
-        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1])])
+        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), status])
         for step, x in zip(motion.steps, plan.x, strict=False):
             phase = motion.phases[step.phase].name
-            writer.writerow([f"{step.time:.9g}", phase, *(f"{value:.9g}" for value in x)])
+            numbers = (f"{value:.9g}" for value in x)
+            writer.writerow([f"{step.time:.9g}", phase, *numbers, status])

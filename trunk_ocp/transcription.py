@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from .activation import segment_fractions, strains
-from .assembly import Assembly
+from .assembly import Assembly, Block
 from .collocation import Mesh
 from .loads import Loads
 from .motion import Motion, Step
@@ -94,6 +94,11 @@ class Window:
         """The programme itself; a solver needs it once for each structure only."""
         return self._assembly.programme()
 
+    @property
+    def blocks(self) -> list[Block]:
+        """The constraints' rows by what they mean."""
+        return self._assembly.blocks
+
     @cached_property
     def structure(self) -> bytes:
         """Equal for windows whose programmes differ in parameters and bounds only."""
@@ -115,7 +120,7 @@ class Window:
             (rod.unknowns.x, step.box.lower, step.box.upper),
             (rod.unknowns.tip_force, tip - free, tip + free),
         ]
-        variables, rows = add.include(rod.assembly, bounds)
+        variables, rows = add.include(rod.assembly, bounds, number)
         if step.loads not in self._points:
             self._points[step.loads] = point_parameters(
                 motion.trunk, step.loads, self.mesh.points.ravel()
@@ -147,7 +152,7 @@ class Window:
             if not 0 <= reference.step - self.offset < len(self.steps):
                 continue
             unknowns = self.unknowns[reference.step - self.offset]
-            D, rows = add.variables(3), add.rows(3)
+            D, rows = add.variables(3), add.rows("held direction", 3, step=reference.step)
             add.linear(rows, D)
             q = unknowns.points[reference.Z][0]
             add.term(
@@ -166,18 +171,20 @@ class Window:
         """Pulls along held directions; bounds on change."""
         add = self._assembly
         before = self.previous
-        for step, u in zip(self.steps, self.unknowns, strict=True):
+        numbered = enumerate(zip(self.steps, self.unknowns, strict=True), self.offset)
+        for number, (step, u) in numbered:
             pulled = step.pull is not None and not self._is_known(step.pull[1])
             if pulled and step.pull is not None:
                 own = np.asarray(step.loads.tip_force) / self.force
-                rows = add.rows(3, lower=own, upper=own)
+                rows = add.rows("pull", 3, lower=own, upper=own, step=number)
                 add.linear(rows, u.tip_force)
                 strength = np.array([[-step.pull[0] / self.force]])
                 D = self.held[step.pull[1]]
                 add.term(scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
             change = step.change
-            limited = np.flatnonzero(np.isfinite(change.lower) | np.isfinite(change.upper))
-            rows = add.rows(limited.size, lower=change.lower[limited], upper=change.upper[limited])
+            limited = change.limited
+            lower, upper = change.lower[limited], change.upper[limited]
+            rows = add.rows("change", limited.size, lower=lower, upper=upper, step=number)
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             before = u.x
