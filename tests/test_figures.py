@@ -384,8 +384,10 @@ def test_a_plan_cut_short_or_empty_is_drawn(tmp_path):
 
 def test_a_plan_that_did_not_converge_is_drawn(tmp_path):
     motion = arm(tmp_path, "position = [0.2, 0.1, 0.9]")
-    plan = plan_motion(replace(motion, extension=(1.4, 1.5)))  # contraction can do no such thing
-    assert plan.status is Status.NOT_CONVERGED
+    plan = plan_motion(
+        replace(motion, extension=(1.4, 1.5)), throw=False
+    )  # contraction can do no such thing
+    assert plan.status is Status.INFEASIBLE
     assert "shapes" in drawn(plan, tmp_path)
 
 

@@ -24,7 +24,7 @@ from .collocation import Mesh
 from .errors import InputError, TrunkError
 from .motion import build_motion
 from .problem_file import ProblemSpec
-from .solution import Plan, loads_of
+from .solution import Plan, Status, loads_of
 from .solver import Solve
 from .statics import shape_of_states
 from .transcription import Weights
@@ -275,15 +275,18 @@ def _attributes(plan: Plan) -> dict[str, Any]:
 
 
 def _write_activations(plan: Plan, path: Path) -> None:
-    """One row for each time step, the passive start included."""
+    """One row for each time step, the passive start included.
+
+    A plan that is not solved says so at the end of every row, for no one to take it for one.
+    """
     motion = plan.motion
-    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad", "plan"]
-    status = plan.status.name.lower()  # in every row: no one takes a failed plan for a solved one
+    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    mark = [] if plan.status is Status.SOLVED else [plan.status.name.lower()]
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(head)
-        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), status])
+        writer.writerow([*head, *(["status"] if mark else [])])
+        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
         for step, x in zip(motion.steps, plan.x, strict=False):
             phase = motion.phases[step.phase].name
             numbers = (f"{value:.9g}" for value in x)
-            writer.writerow([f"{step.time:.9g}", phase, *numbers, status])
+            writer.writerow([f"{step.time:.9g}", phase, *numbers, *mark])
