@@ -17,6 +17,7 @@ from .reporting import Progress, Reporter
 from .sensitivity import tip_jacobian
 from .shape_map import ShapeMap
 from .solution import Plan, Status
+from .stability import Stability, stability
 from .statics import Shape, solve_statics
 from .storage import load_plan, save_plan
 from .transcription import Weights
@@ -36,6 +37,7 @@ __all__ = [
     "ShapeMap",
     "SolverMissingError",
     "StaticsError",
+    "Stability",
     "Status",
     "Trunk",
     "TrunkError",
@@ -49,5 +51,6 @@ __all__ = [
     "problem_schema",
     "save_plan",
     "solve_statics",
+    "stability",
     "tip_jacobian",
 ]

@@ -15,6 +15,7 @@ from .interpolation import interpolate
 from .loads import Loads, vector
 from .motion import Motion
 from .solver import Solve
+from .stability import Stability, stability
 from .statics import Shape, solve_statics
 from .targets import Held
 from .transcription import Weights
@@ -165,6 +166,11 @@ class Plan:
         return verify(self.motion, self.x, self.loads, self.shape, self.near)
 
     @cached_property
+    def stability(self) -> Stability:
+        """Whether the trunk stays in each planned shape, (H,)."""
+        return stability(self.shape, self.activations, self.loads)
+
+    @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
         """Errors of each step, from the independently integrated shapes."""
         return step_errors(self)
@@ -191,6 +197,8 @@ class Plan:
             return FAILURES.get(message, Status.NOT_CONVERGED)
         if self.verification.faults:
             return Status.UNVERIFIED
+        if not np.all(self.stability.stable):
+            return Status.UNSTABLE
         return Status.MISSED if self.missed else Status.SOLVED
 
     @property

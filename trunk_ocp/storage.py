@@ -149,10 +149,19 @@ def summary(plan: Plan) -> dict[str, Any]:
                 "position_error_at": errors.position_Z.tolist(),
                 "tangent_error": errors.direction.tolist(),
                 "tangent_error_at": errors.direction_Z.tolist(),
+                "stability_margin": margin,
+                "falling_directions": index,
                 "psi_z": float(x[-2]),
                 "psi_y": float(x[-1]),
             }
-            for step, errors, x in zip(plan.motion.steps, plan.errors, plan.x, strict=False)
+            for step, errors, x, margin, index in zip(
+                plan.motion.steps,
+                plan.errors,
+                plan.x,
+                plan.stability.margin.tolist(),
+                plan.stability.index.tolist(),
+                strict=False,
+            )
         ],
         "steps_planned": len(plan.x),
         "units": {
@@ -161,6 +170,8 @@ def summary(plan: Plan) -> dict[str, Any]:
             "position_error, max_position_error, max_verification_error": "m",
             "position_error_at, tangent_error_at": "Z of the target, m",
             "tangent_error": "length of the error of a director, the tangent d3 as a rule",
+            "stability_margin": "share of the stiffness that the loads leave; 0: the trunk buckles",
+            "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
             "psi_z, psi_y": "rad",
             "objective": "J of eq. (42) with the problem's weights",
         },
