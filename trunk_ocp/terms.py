@@ -88,3 +88,10 @@ def squared_change() -> ca.Function:
     """Weighted square of the difference of two unknowns."""
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
     return ca.Function("squared_change", [x, p], [p * (x[1] - x[0]) ** 2])
+
+
+@cache
+def weighted() -> ca.Function:
+    """An unknown times its weight."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    return ca.Function("weighted", [x, p], [p * x])

@@ -7,7 +7,7 @@ E I(0) / L; every public face is SI.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,6 +51,21 @@ class Weights:
     rate: float = 1e-5
 
 
+@dataclass(frozen=True)
+class Goal:
+    """One position or direction asked for: a squared error, weighted by its last parameter.
+
+    `function` has the inputs (w, p), w the unknowns `variables`, p `parameters` and the weight;
+    an error of `tolerance` (m, or length of a director's error) counts as none.
+    """
+
+    function: ca.Function
+    variables: np.ndarray
+    parameters: np.ndarray
+    weight: float
+    tolerance: float
+
+
 class Window:
     """The nonlinear programme of consecutive time steps.
 
@@ -86,8 +101,16 @@ class Window:
         self.held = self._held_directions()
         self._couplings()
         self._costs(weights)
-        self.bounds = self._assembly.bounds
-        self.parameters = self._assembly.parameters
+
+    @cached_property
+    def bounds(self) -> dict[str, np.ndarray]:
+        """Bounds of unknowns and constraints, in the words of CasADi's solvers."""
+        return self._assembly.bounds
+
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """Parameters of the programme."""
+        return self._assembly.parameters
 
     @cached_property
     def programme(self) -> Programme:
@@ -189,28 +212,33 @@ class Window:
             add.linear(rows, before[limited], -1.0)
             before = u.x
 
-    def _costs(self, weights: Weights) -> None:
-        """Tracking (eq. 42, squared), effort, and rate of change."""
-        positions: list[tuple[np.ndarray, np.ndarray]] = []
-        fixed: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
-        moving: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+    def goals(self) -> Iterator[Goal]:
+        """What the targets ask for, one entry for each position and direction."""
+        position, direction = self.motion.tolerance
         for step, u in zip(self.steps, self.unknowns, strict=True):
             for target in step.targets:
                 q, r = u.points[target.Z]
                 if target.position is not None:
-                    positions.append((r, np.array([*target.position, target.position_weight])))
+                    goal, weight = np.asarray(target.position), target.position_weight
+                    yield Goal(squared_distance(self.length), r, goal, weight, position)
                 for j, d, weight in target.pairs():
                     if isinstance(d, Held) and not self._is_known(d):
-                        D = self.held[d]
-                        moving.setdefault(j, []).append((np.append(q, D), np.array([weight])))
+                        unknown = np.append(q, self.held[d])
+                        none = np.zeros(0)
+                        yield Goal(squared_held_direction(j), unknown, none, weight, direction)
                     else:
                         goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
-                        fixed.setdefault(j, []).append((q, np.append(goal, weight)))
-        self._cost(squared_distance(self.length), positions)
-        for j in sorted(fixed):
-            self._cost(squared_direction(j), fixed[j])
-        for j in sorted(moving):
-            self._cost(squared_held_direction(j), moving[j])
+                        yield Goal(squared_direction(j), q, goal, weight, direction)
+
+    def _costs(self, weights: Weights) -> None:
+        """Tracking (eq. 42, squared), effort, and rate of change."""
+        tracking: dict[ca.Function, list[Goal]] = {}
+        for goal in self.goals():
+            tracking.setdefault(goal.function, []).append(goal)
+        for function, goals in tracking.items():
+            variables = np.stack([goal.variables for goal in goals], axis=-1)
+            weighted = [np.append(goal.parameters, goal.weight) for goal in goals]
+            self._assembly.cost(function, variables, np.stack(weighted, axis=-1))
 
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         self._assembly.cost(
@@ -221,11 +249,6 @@ class Window:
         self._assembly.cost(
             squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
         )
-
-    def _cost(self, function: ca.Function, places: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        if places:
-            variables, parameters = (np.stack(part, axis=-1) for part in zip(*places, strict=True))
-            self._assembly.cost(function, variables, parameters)
 
     # --- in and out ------------------------------------------------------------------
 

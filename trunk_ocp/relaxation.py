@@ -1,0 +1,235 @@
+"""Elastic bounds: which of a motion's bounds stand in the way, and how far they would have to give.
+
+Every bound that a problem file states - on the activation of a muscle, a head angle, the
+extension of a segment, the change between time steps - may be exceeded at a price. Where the
+bounds contradict each other, the cheapest excess that reconciles them is a linear programme; where
+they keep the trunk from its targets, it is the window of all time steps once more, with targets
+as constraints. A price per unit (an l1 penalty) leaves all bounds alone that need not give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+from .activation import strain_matrix
+from .collocation import Mesh
+from .motion import Box, Motion
+from .reporting import Reporter
+from .solution import Plan
+from .solver import IPOPT, Optimiser
+from .terms import weighted
+from .transcription import Weights, Window
+
+PRICE = 100.0  # of an excess of its bounds' whole range; tracking and effort cost less than 1
+SMALLEST = 1e-3  # share of the range, below which an excess is not told
+ITERATIONS = 500
+LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bound that may give: its name, the value it states, its unit and its price's scale.
+
+    `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
+    has this value: it gives by the same amount at all of them.
+    """
+
+    name: str
+    value: float
+    sign: int
+    unit: str
+    scale: float
+    steps: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Excess:
+    """How far one bound has to give, in its own unit (degrees for angles)."""
+
+    bound: Bound
+    amount: float
+
+    def __str__(self) -> str:
+        bound = self.bound
+        unit = f" {bound.unit}" if bound.unit else ""
+        to = bound.value + bound.sign * self.amount
+        return f"{bound.name} ({said(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
+
+
+def said(steps: Sequence[int]) -> str:
+    """Step numbers in words: 1, 2, 3, 7 as "steps 1 to 3, 7"."""
+    runs: list[list[int]] = []
+    for step in steps:
+        if runs and step == runs[-1][-1] + 1:
+            runs[-1].append(step)
+        else:
+            runs.append([step])
+    words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+    return f"step{'s' * (len(steps) > 1)} {', '.join(words)}"
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """All bounds of a motion as rows: lower <= C (x, s) <= upper, s >= 0 one for each bound.
+
+    x are the activations and head angles of all steps, one after the other.
+    """
+
+    matrix: sp.coo_matrix
+    lower: np.ndarray
+    upper: np.ndarray
+    bounds: tuple[Bound, ...]
+
+
+def contradictions(motion: Motion) -> tuple[Excess, ...]:
+    """The bounds that would have to give for any activation to keep them all; none as a rule."""
+    elastic = elastic_bounds(motion)
+    count = elastic.matrix.shape[1] - len(elastic.bounds)
+    price = np.concatenate([np.zeros(count), [1 / bound.scale for bound in elastic.bounds]])
+    C = sp.csr_matrix(elastic.matrix)
+    rows = sp.vstack([C[np.isfinite(elastic.upper)], -C[np.isfinite(elastic.lower)]])
+    limit = np.concatenate(
+        [elastic.upper[np.isfinite(elastic.upper)], -elastic.lower[np.isfinite(elastic.lower)]]
+    )
+    free = [(None, None)] * count + [(0, None)] * len(elastic.bounds)
+    result = linprog(price, A_ub=rows, b_ub=limit, bounds=free, method="highs")
+    return _told(elastic, result.x[count:])
+
+
+def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | None:
+    """The bounds that would have to give for a plan's motion to reach all targets.
+
+    All targets within the motion's tolerance, at the least price found from the plan; a local
+    optimum, like every plan. None if no such motion was found.
+    """
+    window = ElasticWindow(plan.motion, plan.mesh, plan.weights)
+    optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    start = window.pack(plan.x, plan.shape)
+    outcome = optimiser.solve(window, start, "relaxation", "what would have to give")
+    return _told(window.elastic, outcome.full[window.excess]) if outcome.converged else None
+
+
+def _told(elastic: Elastic, amounts: np.ndarray) -> tuple[Excess, ...]:
+    """Excesses worth telling, the largest share of a range first."""
+    pairs = zip(elastic.bounds, amounts.tolist(), strict=True)
+    some = [
+        Excess(b, float(np.degrees(amount)) if b.unit == "deg" else amount)
+        for b, amount in pairs
+        if amount > SMALLEST * b.scale
+    ]
+    return tuple(sorted(some, key=lambda excess: -excess.amount / excess.bound.scale))
+
+
+def elastic_bounds(motion: Motion) -> Elastic:
+    """Every bound of a motion as a row that may give."""
+    trunk, n, H = motion.trunk, len(motion.trunk.muscles) + 2, len(motion.steps)
+    names = (*trunk.muscles, "head psi_Z", "head psi_Y")
+    units = ("",) * (n - 2) + ("deg", "deg")
+    lower = np.array([step.box.lower for step in motion.steps])
+    upper = np.array([step.box.upper for step in motion.steps])
+    rows = _Rows(H * n)
+    x = np.arange(H * n).reshape(H, n)
+    eye = sp.identity(H * n, format="csr")
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        scale = max(float(motion.box.upper[i] - motion.box.lower[i]), 0.1)
+        rows.add(eye[x[:, i]], name, unit, scale, lower[:, i], upper[:, i])
+    A = sp.csr_matrix(strain_matrix(trunk)[:, 0])
+    low, high = motion.extension
+    for segment in range(trunk.segments):
+        zeta = sp.hstack([A[segment], sp.csr_matrix((1, 2))])
+        every = sp.kron(sp.identity(H), zeta, format="csr")
+        name, ends = (
+            f"extension of segment {segment + 1}",
+            (np.full(H, low - 1), np.full(H, high - 1)),
+        )
+        rows.add(every, name, "", 0.3, *ends, offset=1.0)
+    difference = sp.csr_matrix(eye - sp.eye(H * n, k=-n))
+    least = np.array([step.change.lower for step in motion.steps])
+    most = np.array([step.change.upper for step in motion.steps])
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        scale = 0.2 if unit else 0.5
+        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, least[:, i], most[:, i])
+    return rows.elastic()
+
+
+class _Rows:
+    """Collects rows of linear bounds, each with an excess of its own at either end."""
+
+    def __init__(self, unknowns: int) -> None:
+        self.unknowns = unknowns
+        self.parts: list[tuple[sp.csr_matrix, int, np.ndarray]] = []
+        self.bounds: list[Bound] = []
+
+    def add(
+        self,
+        matrix: sp.csr_matrix,
+        name: str,
+        unit: str,
+        scale: float,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        offset: float = 0.0,
+    ) -> None:
+        """Add lower <= matrix x <= upper; `offset` is what the names of bounds add to a value."""
+        per = float(np.degrees(1.0)) if unit == "deg" else 1.0
+        for sign, values, word in ((-1, lower, "least"), (1, upper, "largest")):
+            for value in np.unique(values[np.isfinite(values)]).tolist():
+                same = np.flatnonzero(values == value)
+                steps = tuple((same + 1).tolist())
+                bound = Bound(f"{word} {name}", per * value + offset, sign, unit, scale, steps)
+                self.parts.append((matrix[same], sign, values[same]))
+                self.bounds.append(bound)
+
+    def elastic(self) -> Elastic:
+        """All rows together."""
+        matrices, signs, values = zip(*self.parts, strict=True)
+        counts = [matrix.shape[0] for matrix in matrices]
+        gives = sp.block_diag(
+            [np.full((n, 1), -sign) for n, sign in zip(counts, signs, strict=True)]
+        )
+        low, value = np.repeat(signs, counts) < 0, np.concatenate(values)
+        return Elastic(
+            sp.coo_matrix(sp.hstack([sp.vstack(matrices), gives])),
+            np.where(low, value, -np.inf),
+            np.where(low, np.inf, value),
+            tuple(self.bounds),
+        )
+
+
+class ElasticWindow(Window):
+    """All time steps of a motion, with targets as constraints and bounds that may give.
+
+    Attributes
+    ----------
+    elastic : Elastic
+    excess : (bounds,)
+        Indices of the excesses among the unknowns.
+    """
+
+    def __init__(self, motion: Motion, mesh: Mesh, weights: Weights) -> None:
+        n = len(motion.trunk.muscles) + 2
+        loose = Box(np.full(n, -np.inf), np.full(n, np.inf))
+        steps = [replace(step, box=loose, change=loose) for step in motion.steps]
+        without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
+        super().__init__(without, mesh, steps, np.zeros(n), {}, 0, weights)
+        self.elastic = elastic_bounds(motion)
+        add = self._assembly
+        self.excess = add.variables(len(self.elastic.bounds), lower=0.0)
+        unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
+        C = self.elastic.matrix
+        rows = add.rows(
+            "elastic bound", C.shape[0], lower=self.elastic.lower, upper=self.elastic.upper
+        )
+        add.linear(rows[C.row], unknowns[C.col], C.data)
+        for goal in self.goals():
+            if goal.weight > 0:
+                row = add.rows("target", 1, lower=-np.inf, upper=goal.tolerance**2)
+                parameters = np.append(goal.parameters, 1.0)
+                add.term(goal.function, goal.variables[:, None], parameters[:, None], 0, 0, row)
+        price = np.array([[PRICE / bound.scale for bound in self.elastic.bounds]])
+        add.cost(weighted(), self.excess[None], price)
