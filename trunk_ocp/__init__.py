@@ -6,6 +6,7 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 
 from .anatomy import Trunk, load_anatomy
 from .comparison import compare, measure
+from .diagnosis import Diagnosis, Finding, explain
 from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
 from .motion import Motion, load_motion
@@ -23,6 +24,8 @@ from .storage import load_plan, save_plan
 from .transcription import Weights
 
 __all__ = [
+    "Diagnosis",
+    "Finding",
     "InputError",
     "Loads",
     "Motion",
@@ -43,6 +46,7 @@ __all__ = [
     "TrunkError",
     "Weights",
     "compare",
+    "explain",
     "load_anatomy",
     "load_motion",
     "load_plan",

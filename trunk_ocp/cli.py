@@ -19,15 +19,24 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .comparison import compare
+from .diagnosis import effects, explain
 from .errors import InputError, TrunkError
 from .motion import Motion, load_motion
 from .planner import Options, plan_motion
 from .problem_file import problem_schema
 from .reporting import Reporter
-from .screen import Screen, comparison_table, rank_table, sign_table, step_table
+from .screen import (
+    Screen,
+    comparison_table,
+    findings,
+    history_table,
+    rank_table,
+    sign_table,
+    step_table,
+)
 from .solution import Plan, Status
 from .solver import check_linear_solver
-from .storage import load_plan, save_plan, summary
+from .storage import finite, load_plan, save_diagnosis, save_plan, summary
 
 BAD_INPUT = 2
 
@@ -116,6 +125,7 @@ def solve(
         for plan in plans:
             console.print(step_table(plan))
             _verdict(console, plan)
+            _tell(console, plan, folder / plan_folder(plan))
         if len(plans) == 2:
             figures = compare(*plans)
             (folder / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
@@ -201,10 +211,19 @@ def _verdict(console: Console, plan: Plan) -> None:
     planned, steps = len(plan.x), len(plan.motion.steps)
     part = "" if planned == steps else f" ({planned} of {steps} time steps)"
     console.print(f"[{colour}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
-    problems = [*plan.verification.faults, *plan.missed]
-    more = [f"and {len(problems) - 5} more, in summary.json"] if len(problems) > 5 else []
-    for sentence in [*problems[:5], *more, *plan.notes]:
+    for sentence in plan.notes:
         console.print(f"  {sentence}", soft_wrap=True)
+
+
+def _tell(console: Console, plan: Plan, folder: Path) -> None:
+    """What the plan leans on, or why it failed, on the screen and in its folder."""
+    solved = plan.status is Status.SOLVED
+    waiting = "solved; looking around" if solved else "looking for what stands in the way"
+    with console.status(waiting):
+        diagnosis = explain(plan, deep=not solved)
+    save_diagnosis(diagnosis, folder)
+    for line in findings(diagnosis, brief=True):
+        console.print(line, soft_wrap=True)
 
 
 @contextmanager
@@ -279,6 +298,39 @@ def _finished(run: str) -> tuple[Path, dict[Path, Plan]]:
             "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
         )
     return folder, {path.parent: load_plan(path.parent, throw=False) for path in found}
+
+
+@main.command("explain")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and no more.")
+def explain_run(run: str, as_json: bool) -> None:
+    """Say why a finished run is what it is.
+
+    Of a plan that failed: which constraints do not hold, where and by how much, which bounds
+    would have to give, how the solve went, what to try next. Of a solved one: what it leans on,
+    and what a little more of each bound would bring. It is kept as diagnosis.json.
+    """
+    console = Console(quiet=as_json, highlight=False)
+    with _clean_errors():
+        _, plans = _finished(run)
+        told = {}
+        for folder, plan in plans.items():
+            with console.status(f"{plan.mode}: asking each bound what it costs"):
+                diagnosis = explain(plan)
+            save_diagnosis(diagnosis, folder)
+            told[folder.name] = diagnosis.as_json()
+            _verdict(console, plan)
+            for line in findings(diagnosis):
+                console.print(line, soft_wrap=True)
+            if diagnosis.history:
+                console.print(history_table(diagnosis))
+            if sentences := effects(diagnosis.responses):
+                console.print("If a bound gave by 1 %, all else planned anew around it:")
+                for sentence in sentences:
+                    console.print(f"    {sentence}", soft_wrap=True)
+        if as_json:
+            click.echo(json.dumps(finite(told), indent=2))
+        sys.exit(max(plan.status.exit_code for plan in plans.values()))
 
 
 @main.command("view")

@@ -24,7 +24,7 @@ from .motion import Box, Motion, Step, allowed
 from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
-from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome
+from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome, rank
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
 from .transcription import Weights, Window
@@ -258,7 +258,7 @@ class Pass:
                 break
             outcome = self._solve(window, x, f"{named}, from the {label}")
             converged |= outcome.converged
-            if best is None or _better(outcome, best):
+            if best is None or rank(outcome) < rank(best):
                 best = outcome
             if outcome.stopped:
                 break
@@ -321,7 +321,7 @@ class Pass:
         outcome = self._solve(window, reference[None], named)
         if not outcome.converged and not outcome.stopped:
             again = self._solve(window, np.zeros((1, self.unknowns)), named)
-            outcome = again if _better(again, outcome) else outcome
+            outcome = again if rank(again) < rank(outcome) else outcome
         state.converged &= outcome.converged
         state.auxiliary = window.unknowns_of(outcome.full)[0]
         return state.auxiliary
@@ -362,11 +362,3 @@ def _pulled(window: Window, shapes: Shape | None) -> list[Loads]:
 
 def _anything(size: int) -> Box:
     return Box(np.full(size, -np.inf), np.full(size, np.inf))
-
-
-def _better(a: Outcome, b: Outcome) -> bool:
-    """Whether outcome a is to be preferred: feasible first, then the lower objective."""
-    feasible = (a.infeasibility <= FEASIBLE, b.infeasibility <= FEASIBLE)
-    if feasible[0] != feasible[1]:
-        return feasible[0]
-    return a.objective < b.objective if feasible[0] else a.infeasibility < b.infeasibility

@@ -27,7 +27,7 @@ from .transcription import Weights, Window
 
 PRICE = 100.0  # of an excess of its bounds' whole range; tracking and effort cost less than 1
 SMALLEST = 1e-3  # share of the range, below which an excess is not told
-ITERATIONS = 500
+ITERATIONS = 200
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
 
@@ -36,7 +36,8 @@ class Bound:
     """A bound that may give: its name, the value it states, its unit and its price's scale.
 
     `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
-    has this value: it gives by the same amount at all of them.
+    has this value: it gives by the same amount at all of them. `firm` if it never gives: no muscle
+    can push.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Bound:
     unit: str
     scale: float
     steps: tuple[int, ...]
+    firm: bool
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def contradictions(motion: Motion) -> tuple[Excess, ...]:
     limit = np.concatenate(
         [elastic.upper[np.isfinite(elastic.upper)], -elastic.lower[np.isfinite(elastic.lower)]]
     )
-    free = [(None, None)] * count + [(0, None)] * len(elastic.bounds)
+    free = [(None, None)] * count + [(0, 0 if bound.firm else None) for bound in elastic.bounds]
     result = linprog(price, A_ub=rows, b_ub=limit, bounds=free, method="highs")
     return _told(elastic, result.x[count:])
 
@@ -137,7 +139,8 @@ def elastic_bounds(motion: Motion) -> Elastic:
     eye = sp.identity(H * n, format="csr")
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         scale = max(float(motion.box.upper[i] - motion.box.lower[i]), 0.1)
-        rows.add(eye[x[:, i]], name, unit, scale, lower[:, i], upper[:, i])
+        ends = (lower[:, i], upper[:, i])
+        rows.add(eye[x[:, i]], name, unit, scale, *ends, muscle=not unit)
     A = sp.csr_matrix(strain_matrix(trunk)[:, 0])
     low, high = motion.extension
     for segment in range(trunk.segments):
@@ -174,14 +177,18 @@ class _Rows:
         lower: np.ndarray,
         upper: np.ndarray,
         offset: float = 0.0,
+        muscle: bool = False,
     ) -> None:
-        """Add lower <= matrix x <= upper; `offset` is what the names of bounds add to a value."""
+        """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told."""
         per = float(np.degrees(1.0)) if unit == "deg" else 1.0
         for sign, values, word in ((-1, lower, "least"), (1, upper, "largest")):
             for value in np.unique(values[np.isfinite(values)]).tolist():
                 same = np.flatnonzero(values == value)
                 steps = tuple((same + 1).tolist())
-                bound = Bound(f"{word} {name}", per * value + offset, sign, unit, scale, steps)
+                firm = muscle and sign > 0 and value == 0
+                bound = Bound(
+                    f"{word} {name}", per * value + offset, sign, unit, scale, steps, firm
+                )
                 self.parts.append((matrix[same], sign, values[same]))
                 self.bounds.append(bound)
 
@@ -219,7 +226,8 @@ class ElasticWindow(Window):
         super().__init__(without, mesh, steps, np.zeros(n), {}, 0, weights)
         self.elastic = elastic_bounds(motion)
         add = self._assembly
-        self.excess = add.variables(len(self.elastic.bounds), lower=0.0)
+        most = np.array([0.0 if bound.firm else np.inf for bound in self.elastic.bounds])
+        self.excess = add.variables(most.size, lower=0.0, upper=most)
         unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
         C = self.elastic.matrix
         rows = add.rows(

@@ -47,7 +47,7 @@ class Replanner:
         window, _ = self._window(plan.motion)
         self._structure = window.structure
         start = window.pack(plan.x, plan.shape)
-        self._last = self._optimiser.solve(window, start, "re-plan", "multipliers")
+        self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
 
     def __call__(self, motion: Motion, throw: bool = True) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
@@ -70,7 +70,7 @@ class Replanner:
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
         last = self._last
-        outcome = self._optimiser.solve(window, last.full, "re-plan", "moved", last.multipliers)
+        outcome = self._optimiser.solve(window, last.full, "horizon", "re-plan", last.multipliers)
         if outcome.converged:
             self._last = outcome
         state = State()

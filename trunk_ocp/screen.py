@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.status import Status as Spinner
 from rich.table import Table
 
 from .anatomy import Trunk
+from .diagnosis import Diagnosis
 from .motion import Motion
 from .reporting import Progress, Reporter
 from .solution import Plan
@@ -127,6 +129,32 @@ def _shown(plan: Plan) -> Sequence[int]:
 
 def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
     return format(scale * of(values), form) if values.size else "-"
+
+
+def history_table(diagnosis: Diagnosis) -> Table:
+    """How the solve that failed went: some ten of its iterations."""
+    table = Table(title="the solve that failed", box=SIMPLE_HEAD)
+    for name in ("iteration", "objective", "constraints off by", "slope left"):
+        table.add_column(name, justify="right")
+    rows = diagnosis.history
+    for k in np.unique(np.linspace(0, len(rows) - 1, 10).round().astype(int)).tolist():
+        number, *values = rows[k]
+        table.add_row(str(number), *(f"{value:.3g}" for value in values))
+    return table
+
+
+def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
+    """The findings of a diagnosis as lines; `brief` puts all but failures in one line each."""
+    colours = {"failure": "red", "warning": "yellow", "note": "cyan"}
+    for finding in diagnosis.findings:
+        head = f"[{colours[finding.level]}]{finding.level}[/]: {escape(finding.what)}"
+        if brief and finding.level != "failure":
+            yield f"{head}: {escape('; '.join(finding.details))}"
+            continue
+        yield head
+        yield from (f"    {escape(detail)}" for detail in finding.details)
+        if finding.advice:
+            yield f"  [bold]{escape(finding.advice)}[/]"
 
 
 UNITS = {

@@ -14,7 +14,7 @@ from .errors import PlanError
 from .interpolation import interpolate
 from .loads import Loads, vector
 from .motion import Motion
-from .solver import Solve
+from .solver import Solve, rank
 from .stability import Stability, stability
 from .statics import Shape, solve_statics
 from .targets import Held
@@ -203,9 +203,11 @@ class Plan:
 
     @property
     def failure(self) -> Solve | None:
-        """The last solve that failed, of a plan that did not converge."""
-        failed = [solve for solve in self.solves if not solve.converged]
-        return failed[-1] if failed and not self.converged else None
+        """Of a plan that did not converge, the solve that came farthest where it failed first."""
+        own = [s for s in self.solves if not s.converged and s.stage == self.mode]
+        if self.converged or not own:
+            return None
+        return min((solve for solve in own if solve.first == own[0].first), key=rank)
 
     def checked(self) -> Plan:
         """The plan itself, if it is solved and verified.

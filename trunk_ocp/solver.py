@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from .errors import SolverMissingError
 from .reporting import Progress, Reporter
@@ -49,6 +50,8 @@ KEPT = "Start_Kept"
 STOPPED = "User_Requested_Stop"
 FEASIBLE = 1e-6
 """Largest constraint violation, in the transcription's units, of a usable point."""
+PENALTY = 100.0
+"""What violating a constraint by 1, in the transcription's units, counts in the objective."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,21 @@ class Outcome:
         return self.message == STOPPED
 
 
+@dataclass(frozen=True)
+class Derivatives:
+    """Constraints, gradient, sparse Jacobian, Hessian of the Lagrangian, and multipliers.
+
+    CasADi's signs: positive at an upper bound, negative at a lower one.
+    """
+
+    g: np.ndarray
+    gradient: np.ndarray
+    jacobian: sp.csr_matrix
+    hessian: sp.csr_matrix
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+
+
 @dataclass
 class Optimiser:
     """Solves windows; keeps the solver of each structure, so that a later one starts at once.
@@ -156,7 +174,7 @@ class Optimiser:
         point = _point(window, result["x"], float(result["f"]), result["g"])
         violated: tuple[Violation, ...] = ()
         if message not in CONVERGED:  # Ipopt returns its last point, which may be a poor one
-            point = watch.best if watch.best is not None and watch.best < point else point
+            point = min(point, watch.best or point, key=rank)
             violated = violations(window, point.full, point.g)
         record = stats["iterations"]
         history = zip(record["obj"], record["inf_pr"], record["inf_du"], strict=True)
@@ -193,6 +211,24 @@ class Optimiser:
         )
         return Outcome(full, float(f), violation, 0, KEPT)
 
+    def derivatives(self, window: Window, outcome: Outcome) -> Derivatives:
+        """First and second derivatives of a window's programme at an optimum."""
+        solver, _ = self._solver(window)
+        lam_x, lam_g = outcome.multipliers["lam_x0"], outcome.multipliers["lam_g0"]
+        at = (outcome.full, window.parameters)
+        _, gradient = solver.get_function("nlp_grad_f")(*at)
+        g, jacobian = solver.get_function("nlp_jac_g")(*at)
+        upper = solver.get_function("nlp_hess_l")(*at, 1.0, lam_g)
+        triangle = upper.sparse()
+        return Derivatives(
+            np.asarray(g).ravel(),
+            np.asarray(gradient).ravel(),
+            sp.csr_matrix(jacobian.sparse()),
+            sp.csr_matrix(triangle + triangle.T - sp.diags(triangle.diagonal())),
+            np.asarray(lam_x).ravel(),
+            np.asarray(lam_g).ravel(),
+        )
+
     def _solver(self, window: Window) -> tuple[ca.Function, _Watch]:
         key = window.structure
         if key not in self._ready:
@@ -221,21 +257,23 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
 
 @dataclass(frozen=True)
 class _Point:
-    """A point of a programme. The smaller is the better: feasible first, then by objective."""
+    """A point of a programme."""
 
     full: np.ndarray
     g: np.ndarray
     objective: float
     infeasibility: float
 
-    def __lt__(self, other: _Point) -> bool:
-        return self._rank < other._rank
 
-    @property
-    def _rank(self) -> tuple[bool, float]:
-        infeasible = not self.infeasibility <= FEASIBLE
-        value = self.infeasibility if infeasible else self.objective
-        return infeasible, value if np.isfinite(value) else np.inf
+def rank(point: _Point | Outcome | Solve) -> tuple[bool, float]:
+    """The smaller the better: feasible points first, by objective, the others by a merit.
+
+    A point on its way to a solution has rods a little out of balance, which is no worse than the
+    trunk at rest that keeps every equation; hence not by infeasibility alone.
+    """
+    feasible = point.infeasibility <= FEASIBLE
+    merit = point.objective + (0.0 if feasible else PENALTY * point.infeasibility)
+    return not feasible, merit if np.isfinite(merit) else np.inf
 
 
 def _point(window: Window, x: ca.DM, objective: float, g: ca.DM) -> _Point:
@@ -285,8 +323,7 @@ class _Watch(ca.Callback):
         window = self._window
         self._iteration += 1
         point = _point(window, arguments[0], float(arguments[1]), arguments[2])
-        if self.best is None or point < self.best:
-            self.best = point
+        self.best = min(self.best or point, point, key=rank)
         self._reporter.iteration(
             Progress(
                 self._stage,

@@ -21,6 +21,7 @@ import xarray as xr
 
 from .anatomy import AnatomySpec
 from .collocation import Mesh
+from .diagnosis import Diagnosis
 from .errors import InputError, TrunkError
 from .motion import build_motion
 from .problem_file import ProblemSpec
@@ -40,6 +41,12 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     (folder / "summary.json").write_text(json.dumps(summary(plan), indent=2) + "\n")
     _write_activations(plan, folder / "activations.csv")
     dataset(plan).to_netcdf(folder / "solution.nc", engine="scipy")
+
+
+def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
+    """Write a diagnosis beside the plan it is of."""
+    text = json.dumps(finite(diagnosis.as_json()), indent=2)
+    (Path(folder) / "diagnosis.json").write_text(text + "\n")
 
 
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:
@@ -177,15 +184,16 @@ def summary(plan: Plan) -> dict[str, Any]:
         },
         "version": version("trunk_ocp"),
     }
-    finite: dict[str, Any] = _finite(report)
-    return finite
+    numbers: dict[str, Any] = finite(report)
+    return numbers
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same with null in place of numbers that JSON does not have."""
     if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_finite(entry) for entry in value]
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

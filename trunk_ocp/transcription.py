@@ -13,6 +13,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 
 from .activation import segment_fractions, strains
 from .assembly import Assembly, Block
@@ -315,6 +316,16 @@ class Window:
         indices, goals = self._tracked
         errors = np.linalg.norm(full[indices] * self.length - goals, axis=1)
         return float(errors.max(initial=0.0))
+
+    def target_errors(self, full: np.ndarray) -> tuple[np.ndarray, sp.csr_matrix]:
+        """Distances in m to all target positions, and their derivatives by all unknowns."""
+        indices, goals = self._tracked
+        offset = full[indices] * self.length - goals
+        errors = np.linalg.norm(offset, axis=1)
+        unit = offset / np.maximum(errors, np.finfo(float).tiny)[:, None]
+        rows = np.repeat(np.arange(len(errors)), 3)
+        slope = (self.length * unit.ravel(), (rows, indices.ravel()))
+        return errors, sp.csr_matrix(slope, shape=(len(errors), full.size))
 
     def reached(self, full: np.ndarray) -> bool:
         """Whether every target of positive weight is reached within the motion's tolerance."""

@@ -10,7 +10,7 @@ from .assembly import Block
 from .transcription import Window
 
 MOST = 12
-SMALLEST = 1e-8
+SMALLEST = 1e-6
 """Excess, in the transcription's units, below which a constraint counts as kept."""
 
 

@@ -1,0 +1,305 @@
+"""What a plan's user should know: why it failed and what to try, or what it leans on.
+
+Failures come with the constraints that do not hold, named and located, and with the bounds that
+would have to give; a solved plan with what it pushes against, and what a little more of each would
+bring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from .activation import strains
+from .postoptimal import Response, responses
+from .relaxation import Excess, contradictions, reach, said
+from .reporting import Reporter
+from .solution import Plan, Status
+from .solver import Solve
+from .verification import LARGEST_DIFFERENCE, SLACK
+
+MOST = 6  # details of one finding that are told
+NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
+LOW_MARGIN = 0.2  # of stability, below which a plan is warned of
+MATTERS = 1e-6  # m; smaller effects of a bound are not told
+
+MEANINGS = {
+    "Infeasible_Problem_Detected": "no nearby point keeps the constraints any better",
+    "Maximum_Iterations_Exceeded": "the iterations that were allowed were used up",
+    "Restoration_Failed": "the search for a point that keeps the constraints failed",
+    "Invalid_Number_Detected": "a value overflowed; a load or a stiffness is out of all proportion",
+    "Search_Direction_Becomes_Too_Small": "steps became too small to get any further",
+    "Diverging_Iterates": "the unknowns grew without bound",
+}
+"""What the optimiser's words for a failure mean."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing worth knowing, with its details and what to do about it."""
+
+    level: Literal["failure", "warning", "note"]
+    what: str
+    details: tuple[str, ...] = ()
+    advice: str = ""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All that is worth knowing of a plan.
+
+    Attributes
+    ----------
+    history : of the solve that failed: (iteration, objective, primal and dual infeasibility)
+    responses : what moving each bound that binds would do, the strongest first
+    """
+
+    status: Status
+    findings: tuple[Finding, ...]
+    history: tuple[tuple[int, float, float, float], ...] = ()
+    responses: tuple[Response, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        return asdict(self) | {
+            "status": self.status.name.lower(),
+            "history": [
+                dict(zip(("iteration", "objective", "infeasibility", "dual"), row, strict=True))
+                for row in self.history
+            ],
+        }
+
+
+def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> Diagnosis:
+    """Why a plan is what it is.
+
+    Parameters
+    ----------
+    deep : bool
+        Whether to solve for the bounds that would have to give, if a target is missed, and for
+        the response of the plan to the bounds it pushes against: a second or a few.
+
+    Returns
+    -------
+    Diagnosis
+        Its findings in order: failures, warnings, notes.
+    """
+    findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
+    history = plan.failure.history if plan.failure else ()
+    rows = tuple((number, *row) for number, row in enumerate(history))
+    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if deep else ())
+
+
+# --- failures ----------------------------------------------------------------------------
+
+
+def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
+    if plan.status is Status.INTERRUPTED:
+        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
+        yield Finding("failure", f"interrupted; {kept}", (), "Go on with --resume.")
+        return
+    if plan.failure is not None:
+        excesses = contradictions(plan.motion)
+        yield _not_converged(plan.failure, advise=not excesses)
+        if excesses:
+            yield _contradicting(excesses)
+    if plan.converged and plan.verification.faults:
+        yield _unverified(plan)
+    if plan.converged and not np.all(plan.stability.stable):
+        yield _unstable(plan)
+    if plan.converged and plan.missed:
+        yield _missed(plan)
+        if deep:
+            yield _within_reach(reach(plan, reporter))
+
+
+def _not_converged(solve: Solve, advise: bool) -> Finding:
+    """What the solve that failed ended with, and what its residuals advise."""
+    meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
+    what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
+    told = tuple(str(violation) for violation in solve.violations[:MOST])
+    return Finding("failure", what, told, _next_try(solve) if advise else "")
+
+
+def _next_try(solve: Solve) -> str:
+    """The next thing to try, by how the residuals went."""
+    if solve.message == "Invalid_Number_Detected":
+        return "Check units: forces in N, lengths in m, moduli in Pa."
+    residuals = [primal for _, primal, _ in solve.history]
+    falling = len(residuals) > 10 and residuals[-1] < 0.1 * residuals[-11]
+    if solve.message == "Maximum_Iterations_Exceeded" and (falling or len(residuals) < 50):
+        return f"It was still on its way: allow more, --max-iterations {4 * solve.iterations}."
+    if not solve.violations:
+        return "All constraints hold, the optimum is flat: --max-iterations, or another --starts."
+    if solve.first == solve.last:
+        return "Plan the steps together (--mode horizon): a step alone may run into a corner."
+    return "Start elsewhere (--starts 4), or plan fewer steps at a time (--lookahead 3)."
+
+
+def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
+    return Finding(
+        "failure",
+        "the bounds exclude each other, whatever is done; the least that would reconcile them:",
+        _some(excesses),
+        "Loosen these in the problem file.",
+    )
+
+
+def _unverified(plan: Plan) -> Finding:
+    advice = "Report this plan: planned and integrated shapes should agree."
+    if plan.verification.too_coarse:
+        advice = "The trunk bends too sharply for the mesh: ease the loads, or give "
+        advice += "Options(elements=...) more than 12."
+    return Finding("failure", "the independent check failed", (*plan.verification.faults,), advice)
+
+
+def _unstable(plan: Plan) -> Finding:
+    bad = np.flatnonzero(~plan.stability.stable)
+    told = tuple(
+        f"step {t + 1}: {plan.stability.index[t]} directions in which the trunk would fall, "
+        f"margin {plan.stability.margin[t]:.3g}"
+        for t in bad[:MOST].tolist()
+    )
+    return Finding(
+        "failure",
+        f"the trunk would not stay in its shape at {said((bad + 1).tolist())}",
+        told,
+        "Ease what pushes against the trunk, or let targets hold more of its points.",
+    )
+
+
+def _missed(plan: Plan) -> Finding:
+    missed = plan.missed
+    more = [f"and {len(missed) - MOST} more"] if len(missed) > MOST else []
+    count = "a target is" if len(missed) == 1 else f"{len(missed)} targets are"
+    advice = ""
+    if plan.mode == "sequential" and len(plan.motion.steps) > 1:
+        advice = "The horizon may reach what this blind plan cannot: --mode horizon."
+    return Finding("failure", f"{count} missed", (*missed[:MOST], *more), advice)
+
+
+def _within_reach(excesses: tuple[Excess, ...] | None) -> Finding:
+    if excesses is None:
+        return Finding(
+            "failure",
+            "no motion near this plan reaches all targets, even if every bound may give",
+            (),
+            "Move the targets, or widen [tolerance].",
+        )
+    if not excesses:
+        return Finding(
+            "failure",
+            "all targets are within reach and within the bounds; the plan weighs them differently",
+            (),
+            "Give the missed targets more weight, or start elsewhere (--starts 4).",
+        )
+    return Finding(
+        "failure",
+        "all targets would be reached if these bounds gave:",
+        _some(excesses),
+        "Loosen these in the problem file, or move the targets.",
+    )
+
+
+def _some(excesses: tuple[Excess, ...]) -> tuple[str, ...]:
+    more = (f"and {len(excesses) - MOST} more",) if len(excesses) > MOST else ()
+    return (*(str(excess) for excess in excesses[:MOST]), *more)
+
+
+# --- what a plan leans on ----------------------------------------------------------------
+
+
+def _warnings(plan: Plan) -> Iterator[Finding]:
+    if not plan.converged or not len(plan.x):
+        return
+    pressed = at_bounds(plan)
+    for kind, words in (
+        ("contraction", "muscles contracted as far as they may"),
+        ("extension", "segments at the limit of their extension"),
+        ("head", "head angles at their bounds"),
+        ("change", "changes between steps at their bounds"),
+    ):
+        told = tuple(f"{name}: {said(steps)}" for name, steps in pressed[kind].items())
+        if told:
+            yield Finding("warning", words, told)
+    margin = plan.stability.margin
+    if np.all(plan.stability.stable) and margin.min() < LOW_MARGIN:
+        t = int(np.argmin(margin))
+        left = f"step {t + 1}: the loads leave {100 * margin[t]:.2g} % of the trunk's stiffness"
+        yield Finding("warning", "the trunk is near buckling", (left,))
+    worst = float(plan.verification.position_difference.max())
+    if LARGEST_DIFFERENCE / 2 < worst <= LARGEST_DIFFERENCE:
+        told = (
+            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * LARGEST_DIFFERENCE:g} pass",
+        )
+        yield Finding("warning", "the mesh is barely fine enough", told)
+    if plan.near and (excess := _change_excess(plan)) > SLACK:
+        told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
+        yield Finding("note", "the plan leaves the horizon's bounds on change", told)
+
+
+def _change_excess(plan: Plan) -> float:
+    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
+    return max(
+        float(np.maximum(step.change.lower - dx, dx - step.change.upper).max())
+        for step, dx in zip(plan.motion.steps, np.diff(x, axis=0), strict=False)
+    )
+
+
+def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
+    """Steps (from 1) at which each unknown is at a bound: {kind: {name: steps}}.
+
+    Kinds are contraction, extension, head and change. Bounds that leave no choice, and the bound
+    of a muscle at rest, which cannot push, are not told.
+    """
+    trunk = plan.motion.trunk
+    found: dict[str, dict[str, list[int]]] = {
+        kind: {} for kind in ("contraction", "extension", "head", "change")
+    }
+    names = (*trunk.muscles, "psi_Z", "psi_Y")
+    extension = strains(trunk, plan.activations)[..., 0]
+    before = np.zeros(plan.x.shape[1])
+    for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
+        change = x - before
+        for i, name in enumerate(names):
+            muscle = i < len(trunk.muscles)
+            sides = _side(x[i], step.box.lower[i], step.box.upper[i])
+            if sides == -1 or (sides and not muscle):
+                found["contraction" if muscle else "head"].setdefault(name, []).append(t + 1)
+            if t not in plan.near and _side(change[i], step.change.lower[i], step.change.upper[i]):
+                found["change"].setdefault(name, []).append(t + 1)
+        for s, zeta in enumerate(extension[t].tolist()):
+            if _side(zeta, *plan.motion.extension):
+                found["extension"].setdefault(f"segment {s + 1}", []).append(t + 1)
+        before = x
+    return found
+
+
+def _side(value: float, lower: float, upper: float) -> int:
+    """-1 at a lower bound, +1 at an upper one, 0 at none or where they leave no choice."""
+    if not upper > lower:
+        return 0
+    near = NEAR * (upper - lower) if np.isfinite(upper - lower) else NEAR
+    return int(value >= upper - near) - int(value <= lower + near)
+
+
+def effects(responses: tuple[Response, ...], most: int = MOST) -> list[str]:
+    """What a little more of the strongest bounds would bring, one sentence for each bound."""
+    told: dict[str, str] = {}
+    for response in responses:
+        if response.name in told or abs(response.worst) < MATTERS:
+            continue
+        unit = " deg" if "psi" in response.name else ""
+        told[response.name] = (
+            f"{response.name} ({said(response.steps)}), {response.value:.4g}{unit} moved by "
+            f"{response.moved:+.2g}: the worst point comes {_way(response.worst)}, the mean "
+            f"distance {_way(response.mean)}"
+        )
+    return [*told.values()][:most]
+
+
+def _way(change: float) -> str:
+    return f"{1e3 * abs(change):.2g} mm {'closer' if change < 0 else 'farther'}"
