@@ -31,13 +31,14 @@ def summary(folder):
 # --- solved ------------------------------------------------------------------------------
 
 
-def test_a_solved_motion_exits_0_and_leaves_three_files(tmp_path):
+def test_a_solved_motion_exits_0_and_leaves_its_files(tmp_path):
     result = run(written(tmp_path, POINT), "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert {path.name for path in (tmp_path / "out" / "horizon").iterdir()} == {
         "summary.json",
         "activations.csv",
         "solution.nc",
+        "diagnosis.json",
     }
     report = summary(tmp_path / "out" / "horizon")
     assert (report["status"], report["verified"]) == ("solved", True)

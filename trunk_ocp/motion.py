@@ -154,13 +154,13 @@ def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
         return step.box
     deviation, head = step.auxiliary.activation_deviation, step.auxiliary.head_deviation
     lower, upper = step.box.lower.copy(), step.box.upper.copy()
-    near = np.clip(near, lower, upper)  # an optimiser may leave bounds by a rounding error
     if math.isfinite(deviation):
         lower[:-2] = np.maximum(motion.box.lower[:-2], near[:-2] - deviation)
         upper[:-2] = np.minimum(motion.box.upper[:-2], near[:-2] + deviation)
     lower[-2:] = np.maximum(lower[-2:], near[-2:] - head)
     upper[-2:] = np.minimum(upper[-2:], near[-2:] + head)
-    return Box(lower, upper)
+    # An optimiser may leave bounds by a rounding error, and what is near then lies outside.
+    return Box(np.minimum(lower, upper), upper)
 
 
 def problems_folder() -> Path:
