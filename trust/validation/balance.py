@@ -9,11 +9,11 @@ import numpy as np
 
 from trunk_ocp.activation import mean_extension, segment_at, stiffness, strains
 from trunk_ocp.collocation import gauss, mesh_for
-from trunk_ocp.loads import Loads
+from trunk_ocp.loads import Loads, vector
 from trunk_ocp.statics import Shape, solve_statics
 
 from .case import Case, Values
-from .rods import EVERYTHING, activation_for, bender, contractions, elephant, heads
+from .rods import CONTACT, EVERYTHING, activation_for, bender, contractions, elephant, heads
 
 SUBJECT = "Balance and energy"
 COUNT = 4
@@ -26,7 +26,7 @@ def solved() -> tuple[np.ndarray, Shape]:
     """Random contractions and their fine shapes under every load."""
     trunk = elephant()
     activation = contractions(trunk, COUNT, seed=44)
-    mesh = mesh_for(trunk, 1.4, elements=12, degree=8)
+    mesh = mesh_for(trunk, CONTACT, elements=12, degree=8)
     return activation, solve_statics(trunk, activation, heads(COUNT, 45), EVERYTHING, mesh)
 
 
@@ -35,8 +35,8 @@ def force_density(Z: np.ndarray) -> np.ndarray:
     trunk, load = elephant(), EVERYTHING
     R = trunk.base_radius - Z * trunk.tan_taper
     weight = np.outer(trunk.density * np.pi * R**2, [0, 0, load.gravity])
-    touching = Z > load.contact_from
-    return weight + touching[:, None] * np.array(load.contact_force) / (1.75 - load.contact_from)
+    touching = Z > CONTACT
+    return weight + touching[:, None] * np.array(load.contact_force) / (1.75 - CONTACT)
 
 
 def beyond(shape: Shape, Z: float) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +44,7 @@ def beyond(shape: Shape, Z: float) -> tuple[np.ndarray, np.ndarray]:
     load = EVERYTHING
     here, tip = (shape.position(np.array([at]))[:, 0] for at in (Z, 1.75))
     force = np.array(load.tip_force)
-    share = (1.75 - max(Z, load.contact_from)) / (1.75 - load.contact_from)
+    share = (1.75 - max(Z, CONTACT)) / (1.75 - CONTACT)
     moment = np.cross(tip - here, force) + share * np.array(load.contact_couple)
     for start, end in pairwise(np.unique([Z, *(e for e in shape.mesh.edges if e > Z)])):
         at = (start + end) / 2 + (end - start) / 2 * NODES
@@ -96,7 +96,7 @@ def first_integral() -> Values:
     coil, force = bender(), np.array([3.0, -2.0, 4.0])
     activation = activation_for(coil, 0.9, (2.0, -3.0, 4.0))
     mesh = mesh_for(coil, elements=12, degree=8)
-    shape = solve_statics(coil, activation, (0.4, 0.3), Loads(0.0, tuple(force)), mesh)
+    shape = solve_statics(coil, activation, (0.4, 0.3), Loads(0.0, vector(force)), mesh)
     Z = np.linspace(0, 1, 23)
     m, n3 = shape.moment(Z), shape.directors(Z)[:, 2] @ force
     zeta_hat, *u_hat = strains(coil, activation)[0]
@@ -110,7 +110,7 @@ def energies(loads: list[Loads]) -> tuple[np.ndarray, np.ndarray]:
     """Potential energy (B,) in J of a contracted trunk under each load, and its tips (B, 3)."""
     trunk = elephant()
     activation, psi = contractions(trunk, 1, seed=70)[0], heads(1, 71)[0]
-    mesh = mesh_for(trunk, 1.4, elements=12, degree=8)
+    mesh = mesh_for(trunk, CONTACT, elements=12, degree=8)
     shape = solve_statics(trunk, activation, psi, loads, mesh)
     Z = mesh.points.ravel()
     weights = (mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)).ravel()
@@ -135,7 +135,7 @@ def pulled(load: Loads, h: float) -> list[Loads]:
     """Loads with the tip force moved by multiples of h along each axis, 12 of them."""
     force = np.array(load.tip_force)
     return [
-        replace(load, tip_force=tuple(force + k * h * axis)) for axis in np.eye(3) for k in STEPS
+        replace(load, tip_force=vector(force + k * h * axis)) for axis in np.eye(3) for k in STEPS
     ]
 
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from trunk_ocp.collocation import mesh_for
-from trunk_ocp.loads import Loads
+from trunk_ocp.loads import Loads, vector
 from trunk_ocp.statics import Shape, solve_statics
 
 from .case import Case, Values, flat
@@ -167,7 +167,7 @@ def small_tip_force() -> Values:
     for axis, sign in ((0, 1.0), (1, -1.0)):
         force = np.zeros(3)
         force[axis] = F
-        shape = solve_statics(rod(), NONE, loads=Loads(0.0, tuple(force)))
+        shape = solve_statics(rod(), NONE, loads=Loads(0.0, vector(force)))
         found += [
             shape.position(Z)[:, axis] * 3 * EI / F,
             shape.directors(Z)[:, 2, axis] * 2 * EI / F,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +18,13 @@ from trunk_ocp.figures.style import FAINT, INK, new_figure, styled
 from . import beams, convergence, limits
 from .rods import elephant, rod, untapered
 
-DOTS = {"linestyle": "none", "marker": "o", "markersize": 3.0, "color": INK, "zorder": 3}
+DOTS: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 3.0,
+    "color": INK,
+    "zorder": 3,
+}
 BLUES = ("#9CC7E4", "#56A0D3", "#0072B2", "#003E63")
 FINE = np.linspace(0, 1, 121)
 

@@ -77,7 +77,8 @@ def spirals() -> Values:
         trunk, activation, head, [Loads(0.0)] * count, still, Z, rtol=1e-13, atol=1e-13
     )
     position, q = unloaded_states(trunk, activation, head, Z)
-    frames = np.moveaxis(np.array(directors(np.moveaxis(q, -1, 0))), (0, 1), (-2, -1))
+    rows = directors(tuple(np.moveaxis(q, -1, 0)))
+    frames = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
     return flat([position, frames], [r, d])
 
 

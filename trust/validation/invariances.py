@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from trunk_ocp.activation import intrinsic_strain
 from trunk_ocp.anatomy import build_trunk, read_anatomy
-from trunk_ocp.loads import Loads
+from trunk_ocp.loads import Loads, vector
 from trunk_ocp.statics import solve_statics
 
 from .case import Case, Held, Values, flat
-from .rods import EVERYTHING, contractions, elephant, heads
+from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "Invariances"
 Z = np.linspace(0, 1.75, 9)
@@ -23,7 +23,7 @@ COUNT = 5
 def turned(load: Loads, turn: Rotation) -> Loads:
     """Every load but the weight turned in space."""
     names = ("tip_force", "contact_force", "contact_couple")
-    return replace(load, **{name: tuple(turn.apply(getattr(load, name))) for name in names})
+    return replace(load, **{name: vector(turn.apply(getattr(load, name))) for name in names})
 
 
 def rotation(psi: tuple[float, float], vertical: bool) -> Values:
@@ -63,9 +63,9 @@ def mirror() -> Values:
     ]
     mirrored = replace(
         EVERYTHING,
-        tip_force=tuple(M * EVERYTHING.tip_force),
-        contact_force=tuple(M * EVERYTHING.contact_force),
-        contact_couple=tuple(-M * EVERYTHING.contact_couple),
+        tip_force=vector(M * EVERYTHING.tip_force),
+        contact_force=vector(M * EVERYTHING.contact_force),
+        contact_couple=vector(-M * EVERYTHING.contact_couple),
     )
     shape = solve_statics(trunk, activation, psi, EVERYTHING)
     image = solve_statics(trunk, activation[:, image_of], psi * [-1, 1], mirrored)
@@ -98,10 +98,10 @@ def similarity() -> Values:
     activation, psi = contractions(trunk, COUNT, seed=56), heads(COUNT, 57)
     load = Loads(
         EVERYTHING.gravity * k / s,
-        tuple(k * s**2 * np.array(EVERYTHING.tip_force)),
-        1.4 * s,
-        tuple(k * s**2 * np.array(EVERYTHING.contact_force)),
-        tuple(k * s**3 * np.array(EVERYTHING.contact_couple)),
+        vector(k * s**2 * np.array(EVERYTHING.tip_force)),
+        CONTACT * s,
+        vector(k * s**2 * np.array(EVERYTHING.contact_force)),
+        vector(k * s**3 * np.array(EVERYTHING.contact_couple)),
     )
     one = solve_statics(trunk, activation, psi, EVERYTHING)
     two = solve_statics(giant, activation, psi, load)

@@ -15,7 +15,8 @@ from trunk_ocp.loads import Loads
 
 NONE = np.zeros(0)  # activation of a rod without muscles
 HORIZONTAL = (0.0, math.pi / 2)  # head angles: the default clamp turned from +Z to +X
-EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), 1.4, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
+CONTACT = 1.4  # m, where what the trunk holds begins to touch
+EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), CONTACT, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
 """Every load there is on the elephant's trunk, of the size that motions have."""
 
 

@@ -14,14 +14,14 @@ from trunk_ocp.statics import solve_statics
 from trust import reference
 
 from .case import Case, Held, Values, flat
-from .rods import EVERYTHING, contractions, elephant, heads
+from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "The trunk"
 REST = np.zeros(28)
 TIP, BASE = np.array([1.75]), np.zeros(1)
 
-# The passive trunk under its own weight, g = 9.8 m/s^2: by two codes of other authorship than
-# this package, to the digits on which they agree.
+# The passive trunk under its own weight, g = 9.8 m/s^2, by two independent codes and to the
+# digits on which they agree.
 PASSIVE_TIP = (0.6720968, 0.0, 1.6202937)
 PASSIVE_TANGENT = (0.312892, 0.0, 0.949789)
 PASSIVE_MOMENT = -284.972715
@@ -105,7 +105,7 @@ def marched(fine: bool) -> Values:
     trunk, count = elephant(), 20
     activation, psi = contractions(trunk, count, seed=40), heads(count, 41)
     Z = np.linspace(0, 1.75, 15)
-    mesh = mesh_for(trunk, 1.4, elements=12, degree=8) if fine else None
+    mesh = mesh_for(trunk, CONTACT, elements=12, degree=8) if fine else None
     shape = solve_statics(trunk, activation, psi, EVERYTHING, mesh)
     start = shape.moment(BASE)[:, 0]
     r, d, m = reference.march(trunk, activation, psi, [EVERYTHING] * count, start, Z)
@@ -120,7 +120,7 @@ CASES = (
     Case(
         SUBJECT,
         "Passive trunk under its weight: tip, tangent, base moment; mass, tip radius",
-        "computed independently by two other codes, six to nine digits",
+        "computed independently by two codes, six to nine digits",
         passive_tip,
         1.0,
         "as printed",
@@ -147,7 +147,7 @@ CASES = (
     Case(
         SUBJECT,
         "Extension and curvatures by single muscles (eight, all kinds)",
-        "computed independently by two other codes, six decimals",
+        "computed independently by two codes, six decimals",
         unit_responses,
         5.1e-7,
         "half a unit of the last digit",
