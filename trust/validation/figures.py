@@ -15,7 +15,7 @@ from PIL import Image
 from trunk_ocp.colours import MUSCLES, OTHERS
 from trunk_ocp.figures.style import FAINT, INK, new_figure, styled
 
-from . import beams, convergence, limits
+from . import beams, convergence, elastica, limits
 from .rods import elephant, rod, untapered
 
 DOTS: dict[str, Any] = {
@@ -66,20 +66,20 @@ def draw_beams() -> Figure:
         62, "tip load, $PL^2/EI$ = 1, 2, 5, 10", "own weight, $wL^3/EI$", "couple of one turn, over"
     )
     for load, colour in zip((1.0, 2.0, 5.0, 10.0), BLUES, strict=True):
-        r = beams.loaded(load).position(FINE)
+        r = elastica.loaded(load).position(FINE)
         tip.plot(r[:, 2], -r[:, 0], color=colour)
-    printed = beams.MATTIASSON[[0, 1, 4, 9]]
+    printed = elastica.MATTIASSON[[0, 1, 4, 9]]
     tip.plot(1 - printed[:, 2], -printed[:, 1], label="Mattiasson 1981", **DOTS)
     tip.legend(loc="lower left")
     tip.set_xlabel("along the clamp / L")
     tip.set_ylabel("deflection / L")
 
-    every = [*beams.HEAVY, (beams.RAISED, 50.0)]
-    tips = [beams.heavy(load, clamp) for clamp, load in beams.HEAVY]
-    tips.append(beams.other_branch()[1])
+    every = [*elastica.HEAVY, (elastica.RAISED, 50.0)]
+    tips = [elastica.heavy(load, clamp) for clamp, load in elastica.HEAVY]
+    tips.append(elastica.other_branch()[1])
     for (clamp, load), (x, z, _) in zip(every, tips, strict=True):
-        r = beams.sagging(load, clamp).position(FINE)
-        name, colour = ("level", "#0072B2") if clamp == beams.LEVEL else ("raised", "#D55E00")
+        r = elastica.sagging(load, clamp).position(FINE)
+        name, colour = ("level", "#0072B2") if clamp == elastica.LEVEL else ("raised", "#D55E00")
         weight.plot(r[:, 0], -r[:, 2], color=colour)
         weight.plot(x, -z, **DOTS)
         weight.annotate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from . import beams, limits
+from . import elastica, limits
 from .balance import asymmetry_with_couple
 from .case import Case, Held
 
@@ -65,7 +65,7 @@ the stiffness stated there is 0.004 in from ours. GXBeam's test, 16 elements, is
 COLUMNS = ("case", "source", "error", "tolerance, and why")
 
 UNDER = {
-    beams.SUBJECT: """![Large deflections](figures/validation-beams.png)
+    elastica.SUBJECT: """![Large deflections](figures/validation-beams.png)
 
 *Lines: the package. Dots: printed figures (left), scalar equations (middle), quadrature (right).*
 """,
@@ -121,7 +121,7 @@ def page(cases: Cases, errors: Mapping[str, float]) -> str:
 
 def lessons() -> str:
     """What did not hold as expected, with its figures."""
-    x, z, _ = beams.other_branch()[0]
+    x, z, _ = elastica.other_branch()[0]
     return LESSONS.format(
         angles="\n".join(
             f"| {name} | {extension:.2f} | {bending:.2f} |"
@@ -130,5 +130,5 @@ def lessons() -> str:
         asymmetry=100 * asymmetry_with_couple(),
         x=x,
         up=-z,
-        lowest=beams.second_variation(50.0, beams.RAISED),
+        lowest=elastica.second_variation(50.0, elastica.RAISED),
     )
