@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import reference
 from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 
@@ -18,6 +17,7 @@ from trunk_ocp.activation import (
     torsion,
 )
 from trunk_ocp.unloaded import unloaded_states
+from trust import reference
 
 ALL = range(28)
 ROUND_OFF = 1e-12  # relative; quadratures and closed forms below are good to 1e-13 or better
@@ -35,13 +35,6 @@ def test_the_left_side_mirrors_the_right(trunk):
     mirror = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
     # 2 pi - Theta rounds at 1e-15.
     np.testing.assert_allclose(left, mirror * right, rtol=0, atol=1e-14)
-
-
-@pytest.mark.parametrize("name", reference.UNIT_RESPONSES)
-def test_unit_responses_of_the_design_notes(trunk, name):
-    zeta, u1, u2, u3 = reference.UNIT_RESPONSES[name]
-    column = strain_matrix(trunk)[int(name[1]) - 1, :, trunk.muscles.index(name)]
-    assert column * [1, 1.75, 1.75, 1.75] == pytest.approx((zeta, u1, u2, u3), abs=5.1e-7)
 
 
 # Table 2, for a contraction: signs of extension, u_1, u_2, u_3 and isolated torsion.

@@ -1,8 +1,7 @@
-"""Gauss elements and meshes: exactness, orders of convergence, edges where the data jump."""
+"""Gauss elements and meshes: exactness, invariants, edges where the data jump."""
 
 import numpy as np
 import pytest
-import reference
 from scipy.special import roots_legendre
 
 from trunk_ocp.collocation import Mesh, gauss, mesh_for
@@ -60,63 +59,6 @@ def test_quaternions_are_unit_at_the_edges_of_the_coarsest_mesh(trunk, draw):
     np.testing.assert_allclose(ends[:, :-1], shape.states[:, 1:, 0], atol=1e-9)  # continuous
     inside = np.linalg.norm(shape.states[:, :, 1:, :4], axis=-1)
     assert np.abs(inside - 1).max() > 1e-6  # and it is not that the package normalises them
-
-
-ACTIVE = {
-    "taper_deg": 1.0,
-    "material": {"density": 500.0},
-    "segments": (
-        {
-            "Z_over_length": (0.0, 1.0),
-            "muscles": (
-                {
-                    "group": "ob",
-                    "architecture": "helical",
-                    "radii_over_length": (0.01, 0.05),
-                    "sector": (0.0, 2.0),
-                    "helix_deg": 25.0,
-                    "sides": ("R",),
-                },
-            ),
-        },
-    ),
-}
-
-
-@pytest.fixture(scope="module")
-def smooth(build):
-    """A rod without jumps under weight and tip force, and its shape by shooting with DOP853."""
-    rod = build(**ACTIVE)
-    load, gamma, psi = Loads(tip_force=(3.0, 4.0, -2.0)), np.array([-0.8]), (0.2, 0.7)
-    start = solve_statics(rod, gamma, psi, load).moment([0.0])[0]
-    moment = reference.shoot(rod, gamma, psi, load, start)
-    Z = np.linspace(0, 1, 961)  # holds every edge of the meshes below, and points inside
-    return rod, load, gamma, psi, Z, reference.march(
-        rod, gamma, psi, [load], moment, Z, rtol=3e-14, atol=1e-14
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(("degree", "meshes"), [(2, (8, 16, 32, 64)), (3, (4, 8, 16, 32))])
-@pytest.mark.parametrize("place", ["edges", "inside"])
-def test_order_is_2d_at_the_edges_and_d_plus_1_inside(smooth, degree, meshes, place):
-    rod, load, gamma, psi, Z, (r, d, m) = smooth
-    errors = {"position": [], "directors": [], "moment": []}
-    for elements in meshes:
-        mesh = Mesh(tuple(np.linspace(0, 1, elements + 1)), degree)
-        shape = solve_statics(rod, gamma, psi, load, mesh)
-        at_edges = np.isclose(Z * elements, np.round(Z * elements))
-        here = at_edges if place == "edges" else ~at_edges
-        for name, expected in (("position", r[0]), ("directors", d[0]), ("moment", m[0])):
-            found = getattr(shape, name)(Z[here])
-            errors[name].append(np.abs(found - expected[here]).max())
-    theory = 2 * degree if place == "edges" else degree + 1
-    for name, error in errors.items():
-        error = np.array(error)
-        clean = error > 1e-11  # above what shooting is good to
-        assert clean.sum() >= 3, (name, error)
-        slope = -np.polyfit(np.log(np.array(meshes)[clean]), np.log(error[clean]), 1)[0]
-        # Half an order for the part of the error that is not yet asymptotic.
-        assert slope == pytest.approx(theory, abs=0.5), (name, error)
 
 
 @pytest.mark.parametrize("contact_from", [None, 0.0, 0.5, 0.875, 1.4, 1.74])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-import reference
 from plans import planned, shipped
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.interpolation import interpolate
+from trust import reference
 
 EXACT = 1e-12
 

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import reference
 from plans import MOTIONS, first_steps, planned, shipped
 
 from trunk_ocp.errors import InputError, SolverMissingError
@@ -17,6 +16,7 @@ from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.solution import Status
 from trunk_ocp.statics import solve_statics
+from trust import reference
 
 BOTH = [(name, mode) for name in MOTIONS for mode in ("sequential", "horizon")]
 SLACK = 1e-7  # Ipopt relaxes bounds by 1e-8 of their size, here at most 3.5

@@ -6,7 +6,6 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
-import reference
 
 import trunk_ocp
 from trunk_ocp import shape_map, shooting
@@ -18,6 +17,7 @@ from trunk_ocp.sensitivity import tip_jacobian
 from trunk_ocp.shape_map import PointShapes, ShapeMap
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
+from trust import reference
 
 REST = np.zeros(28)
 LOADS = {

@@ -1,14 +1,11 @@
-"""Loaded shapes of the trunk: an independent integrator, balance, symmetry, limits, errors."""
+"""Loaded shapes of the trunk: ends, limits, batches, hard loads, errors."""
 
 import contextlib
 import dataclasses
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
-import reference
-from scipy.spatial.transform import Rotation
 
 from trunk_ocp import statics
 from trunk_ocp.collocation import Mesh, mesh_for
@@ -17,68 +14,15 @@ from trunk_ocp.loads import Loads
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
 from trunk_ocp.verification import integrate
+from trust import reference
+from trust.validation.rods import EVERYTHING, heads
 
-EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), 1.4, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
 REST = np.zeros(28)
-
-
-def heads(count, seed):
-    return np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 2))
-
-
-def test_the_passive_trunk_hangs_where_the_design_notes_say(trunk):
-    shape = solve_statics(trunk, REST, mesh=mesh_for(trunk, elements=12, degree=8))
-    tip = shape.position([trunk.length])[0]
-    # Each figure as printed: half a unit in its last digit, or one where it was rounded.
-    np.testing.assert_allclose(tip, (0.6720968, 0, 1.6202937), rtol=0, atol=1e-7)
-    assert shape.moment([0.0])[0] == pytest.approx((0, -284.972715, 0), abs=1e-6)
-    d3 = shape.directors([trunk.length])[0, 2]
-    np.testing.assert_allclose(d3, (0.312892, 0, 0.949789), rtol=0, atol=1e-6)
-
-
-# The default mesh promises 1e-5 m; on twice its elements and degree 8, 2 d = 16 leaves only
-# the integrator's 1e-11 a step and Newton's last step (1e-9 relative, squared).
-@pytest.mark.parametrize(("fine", "tolerance"), [(True, 1e-8), (False, 1e-5)])
-def test_a_runge_kutta_code_started_from_the_base_moment_finds_the_same_shape(
-    trunk, draw, fine, tolerance
-):
-    activation, psi, Z = draw(trunk, 20, seed=40), heads(20, 41), np.linspace(0, 1.75, 15)
-    mesh = mesh_for(trunk, 1.4, elements=12, degree=8) if fine else None
-    shape = solve_statics(trunk, activation, psi, EVERYTHING, mesh)
-    r, d, m = reference.march(
-        trunk, activation, psi, [EVERYTHING] * 20, shape.moment([0.0])[:, 0], Z
-    )
-    assert np.linalg.norm(shape.position(Z) - r, axis=2).max() <= tolerance
-    # The directors' scale is 1, not the trunk's 1.75 m; moments are hundreds of N m, and
-    # inside an element states are of order d + 1 only.
-    assert np.abs(shape.directors(Z) - d).max() <= 10 * tolerance
-    assert np.abs(m[:, -1]).max() <= 1e4 * tolerance  # the tip is free: m(L) = 0
 
 
 def test_the_free_tip_carries_no_moment(trunk, draw):
     shape = solve_statics(trunk, draw(trunk, 5, seed=42), heads(5, 43), EVERYTHING)
     assert np.abs(shape.moment([trunk.length])).max() < 1e-7  # of some 300 N m at the base
-
-
-def test_the_base_moment_balances_every_load(trunk, draw):
-    activation, psi = draw(trunk, 4, seed=44), heads(4, 45)
-    shape = solve_statics(trunk, activation, psi, EVERYTHING, mesh_for(trunk, 1.4, 12, 8))
-    nodes, weights = np.polynomial.legendre.leggauss(20)
-    moment = np.zeros((4, 3))
-    r0 = shape.position([0.0])
-    for start, end in pairwise(shape.mesh.edges):
-        Z = (start + end) / 2 + (end - start) / 2 * nodes
-        R = trunk.base_radius - Z * trunk.tan_taper
-        force = np.outer(1059.7 * math.pi * R**2, [0, 0, 9.8])  # per metre
-        if start >= 1.4:
-            force = force + np.array(EVERYTHING.contact_force) / 0.35
-        arm = shape.position(Z) - r0
-        moment += (end - start) / 2 * np.einsum("n,bni->bi", weights, np.cross(arm, force))
-    tip = (shape.position([trunk.length]) - r0)[:, 0]
-    moment += np.cross(tip, EVERYTHING.tip_force) + EVERYTHING.contact_couple
-    in_space = np.einsum("bi,bij->bj", shape.moment([0.0])[:, 0], shape.directors([0.0])[:, 0])
-    # Positions to 1e-8 m times 1.5 kN.
-    np.testing.assert_allclose(in_space, moment, rtol=0, atol=1e-5)
 
 
 def test_without_loads_the_shape_is_the_closed_form(trunk, draw):
@@ -96,23 +40,6 @@ def test_the_shape_starts_at_the_clamp(trunk, draw):
     r0, d0 = reference.base(trunk, psi)
     np.testing.assert_allclose(shape.position([0.0])[0], r0, atol=1e-14)
     np.testing.assert_allclose(shape.directors([0.0])[0], d0, atol=1e-14)
-
-
-def test_mirrored_activation_head_and_loads_mirror_the_shape(trunk, draw):
-    activation, (psi_z, psi_y), Z = draw(trunk, 1, seed=49)[0], (0.4, 0.2), np.linspace(0, 1.75, 9)
-    mirrored = Loads(9.8, (20.0, 30.0, 40.0), 1.4, (10.0, -20.0, 100.0), (60.0, 20.0, -10.0))
-    shape = solve_statics(trunk, activation, (psi_z, psi_y), EVERYTHING)
-    image = solve_statics(trunk, np.roll(activation, 14), (-psi_z, psi_y), mirrored)
-    # Newton's last step and the 2 pi of the left sectors.
-    np.testing.assert_allclose(image.position(Z), shape.position(Z) * [1, -1, 1], atol=1e-11)
-
-
-def test_a_turn_of_head_and_loads_about_the_vertical_turns_the_shape(build):
-    rod, turn = build(taper_deg=1.0), Rotation.from_euler("Z", 0.7)
-    force, Z = np.array([2.0, 1.0, -1.0]), np.linspace(0, 1, 9)
-    shape = solve_statics(rod, np.zeros(0), (0.0, 0.9), Loads(9.8, tuple(force)))
-    turned = solve_statics(rod, np.zeros(0), (0.7, 0.9), Loads(9.8, tuple(turn.apply(force))))
-    np.testing.assert_allclose(turned.position(Z), turn.apply(shape.position(Z)), atol=1e-11)
 
 
 def test_directions_that_change_no_strain_change_no_loaded_shape(trunk, draw):

@@ -5,11 +5,11 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-import reference
 from scipy.integrate import dblquad
 
 from trunk_ocp.activation import intrinsic_strain, radial_integrals
 from trunk_ocp.anatomy import Muscle
+from trust import reference
 
 ALL = range(28)
 ROUND_OFF = 1e-12  # relative; quadratures and closed forms below are good to 1e-13 or better

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import reference
 from plans import first_steps, in_equilibrium, planned, shipped
 
 from trunk_ocp.collocation import mesh_for
@@ -12,6 +11,7 @@ from trunk_ocp.loads import Loads
 from trunk_ocp.motion import Held
 from trunk_ocp.solver import Optimiser
 from trunk_ocp.transcription import Weights, Window
+from trust import reference
 
 # Newton's method in statics stops at relative steps of 1e-9 and is quadratic: what is left
 # is round-off, in a few hundred operations on numbers of order ten.

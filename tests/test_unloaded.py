@@ -1,10 +1,9 @@
-"""The unloaded trunk: spliced conical spirals against an integrator and against geometry."""
+"""The unloaded trunk: spliced conical spirals against geometry."""
 
 import math
 
 import numpy as np
 import pytest
-import reference
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.activation import strains
@@ -12,6 +11,7 @@ from trunk_ocp.anatomy import AnatomySpec, build_trunk
 from trunk_ocp.loads import Loads
 from trunk_ocp.rotations import directors
 from trunk_ocp.unloaded import unloaded_states
+from trust import reference
 
 NO_LOAD = Loads(gravity=0.0)
 
@@ -48,21 +48,6 @@ def muscular(taper_deg):
             }
         )
     )
-
-
-def test_the_closed_form_is_what_a_runge_kutta_code_integrates(trunk, draw):
-    activation = draw(trunk, 8, seed=10, strongest=2.0)
-    head = np.random.default_rng(11).uniform(-1, 1, (8, 2))
-    Z = np.linspace(0, trunk.length, 12)
-    # A force of zero and a moment of zero at the base stay zero: only kinematics is left.
-    r, d, _ = reference.march(
-        trunk, activation, head, [NO_LOAD] * 8, np.zeros((8, 3)), Z, rtol=1e-13, atol=1e-13
-    )
-    position, q = unloaded_states(trunk, activation, head, Z)
-    # DOP853 at 1e-13 a step, up to 200 steps.
-    np.testing.assert_allclose(position, r, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(frames(q), d, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1, atol=1e-14)
 
 
 def test_at_rest_the_trunk_is_a_straight_line_along_the_clamp(trunk):

@@ -1,0 +1,20 @@
+"""One collection of cases, from which the tests and the page docs/validation.md are made.
+
+A new subject is a module with a tuple `CASES`, named here.
+"""
+
+from __future__ import annotations
+
+from . import balance, beams, convergence, elastica, helices, invariances, limits, trunk
+from .case import Case, Held
+
+CASES: tuple[Case | Held, ...] = (
+    *elastica.CASES,
+    *beams.CASES,
+    *helices.CASES,
+    *trunk.CASES,
+    *balance.CASES,
+    *invariances.CASES,
+    *limits.CASES,
+    *convergence.CASES,
+)
