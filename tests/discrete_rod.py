@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import reference
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
+
+from trust import reference
 
 
 @dataclass(frozen=True)

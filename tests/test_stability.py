@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import reference
 from discrete_rod import chain
 from plans import MOTIONS, planned
 from scipy.integrate import solve_ivp
@@ -21,6 +20,7 @@ from trunk_ocp.loads import Loads
 from trunk_ocp.stability import stability
 from trunk_ocp.statics import shape_of_states, solve_statics
 from trunk_ocp.verification import integrate
+from trust import reference
 
 NONE, REST = np.zeros(0), np.zeros(28)
 EULER = math.pi**2 / 4  # P L^2 / E I of a column clamped at one end, free at the other
