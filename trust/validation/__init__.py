@@ -5,12 +5,13 @@ A new subject is a module with a tuple `CASES`, named here.
 
 from __future__ import annotations
 
-from . import balance, beams, convergence, elastica, helices, invariances, limits, trunk
+from . import balance, beams, buckling, convergence, elastica, helices, invariances, limits, trunk
 from .case import Case, Held
 
 CASES: tuple[Case | Held, ...] = (
     *elastica.CASES,
     *beams.CASES,
+    *buckling.CASES,
     *helices.CASES,
     *trunk.CASES,
     *balance.CASES,

@@ -45,13 +45,15 @@ digits, at a hundred-thousandth of it four. The package integrates instead.
 
 **A couple fixed in space has no potential.** Without the contact couple the compliance of the tip
 is symmetric, as Maxwell and Betti ask, and the energy's slope is the displacement. With the couple
-of these cases it is asymmetric by {asymmetry:.0f} %. The solver is right about that, but no second
-variation of an energy decides whether such a shape is stable.
+of these cases it is asymmetric by {asymmetry:.0f} %. The solver is right about that. Whether
+such a shape is stable, no energy decides; `stability` judges the symmetric part of its tangent,
+which excludes static buckling but not flutter.
 
 **Which equilibrium.** A rod raised by 45 degrees with w L^3 / E I = 50 has several. Started from
 the unloaded shape the solver finds one with its tip at ({x:.2f}, {up:.2f}) L, up and behind the
 clamp; at 20 and at 60 it finds the drooping one. It is an equilibrium to all digits, and unstable:
-its energy's second variation goes down to {lowest:.0f} E I / L^2 in the plane alone.
+its energy's second variation goes down to {lowest:.0f} E I / L^2 in the plane alone. `stability`
+says so of any shape, and a plan with such a step is not called solved.
 
 **The 45-degree bend.** Published tips scatter by 0.3 in. BeamDyn's converged one, (-13.72, 53.58,
 -23.65) in as Kynema's documentation gives it, is 0.12 in from ours, while a rod that shears with
