@@ -1,0 +1,102 @@
+"""docs/reliability.md, from the counts of `trust.run`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from trunk_ocp.solution import Status
+
+HEAD = """# Reliability
+
+What was tried to get a wrong answer, a traceback, a hang or a loss out of this software, and how
+often it succeeded. The figures on this page are those of results/reliability.json, written in one
+run by `make trust` (version {version}, Python {python}, {seconds} s on the machine at hand); a
+smaller number of the same trials runs with every `make test`.
+
+| tried | how many | what came of it | wrong |
+| --- | --- | --- | --- |
+{rows}
+
+"""
+
+BODY = """## What was tried
+
+**Files** ([trust/inputs.py](../trust/inputs.py), [mutations](../trust/mutations.py)): problem and
+anatomy files made up at random - one to four steps, targets of every kind, wraps, logs, pulls,
+bounds down to none, trunks of one to four segments with no muscle or many - and then damaged: keys
+dropped, doubled or renamed, types changed, numbers at the edge (NaN, infinities, 1e308, 10^400),
+bytes flipped, files cut off. Saved plans likewise. Each must be refused in a second, with the
+file's name, or be planned; there is no third outcome.
+
+**Answers** ([trust/answers.py](../trust/answers.py)): every plan that calls itself solved is
+judged from the text of its file alone: targets, bounds and equilibrium are computed again by
+scipy, with nothing of the code that verified the plan.
+
+**Faults** ([trust/faults.py](../trust/faults.py)): runs are ended at random moments - `kill -9`,
+Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
+The result is compared bit by bit with that of a run nothing stopped.
+
+**Validation** ([docs/validation.md](validation.md)): closed forms, published figures, balances,
+symmetries and limits, each to a tolerance with its reason.
+
+Beyond these, tests/test_faults.py and tests/test_hostile.py hold, one by one: a full disk at every
+writer, a folder that cannot be written, two runs into one folder, a missing linear solver, compiler
+or font, locales with comma decimals, output in ASCII, no terminal, a closed pipe, devices and pipes
+in place of files, code in file contents. tests/test_determinism.py: the same bits whatever the
+thread settings, hash seed, folder or what was planned before.
+
+## How a plan can end
+
+The text of a status is what the command prints; `plan_motion`, `load_plan` and `Replanner` raise
+`PlanError` for all but the first unless given `throw=False`.
+
+| status | text | exit code |
+| --- | --- | --- |
+{statuses}
+
+[When it fails](when-it-fails.md) says what each means and what to do.
+
+## What this does not show
+
+Plans are local optima; that a target is called out of reach is not a proof. Contact with the head,
+the log or the trunk itself is not modelled. Stability excludes static buckling, not flutter, where
+a couple acts. The same bits are promised on one machine with one set of versions. One person's
+machine tried all this.
+"""
+
+
+def page(counts: Mapping[str, Any]) -> str:
+    """The page."""
+    inputs, faults, validation = counts["inputs"], counts["faults"], counts["validation"]
+    outcomes = ", ".join(
+        f"{number} {name.replace('_', ' ')}"
+        for name, number in sorted(inputs["outcomes"].items(), key=lambda item: -item[1])
+    )
+    injected = faults["faults_injected"]
+    kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(injected.items()))
+    rows = [
+        ("files, made up and damaged", inputs["tried"], outcomes, len(inputs["faults"])),
+        (
+            "answers called solved, checked by other means",
+            inputs["checked"],
+            "all hold" if not inputs["faults"] else "see the counts",
+            len(inputs["faults"]),
+        ),
+        (
+            f"faults in {faults['trials']} runs",
+            sum(injected.values()),
+            f"{kinds}; {faults['resumed']} resumed, {faults['survived']} runs ended with the same "
+            f"{faults['bits_compared']:,} bits",
+            len(faults["disagreements"]),
+        ),
+        (
+            "validation cases",
+            validation["cases"],
+            f"within tolerance; {validation['held_by_tests']} more held by tests of their own",
+            len(validation["disagreements"]),
+        ),
+    ]
+    table = "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
+    statuses = "\n".join(f"| {s.name} | {s.value} | {s.exit_code} |" for s in Status)
+    return HEAD.format(rows=table, **counts) + BODY.format(statuses=statuses)
