@@ -5,6 +5,7 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 """
 
 from .anatomy import Trunk, load_anatomy
+from .checkpoint import Checkpoint
 from .comparison import compare, measure
 from .errors import InputError, SolverMissingError, StaticsError, TrunkError
 from .loads import Loads
@@ -22,6 +23,7 @@ from .storage import load_plan, save_plan
 from .transcription import Weights
 
 __all__ = [
+    "Checkpoint",
     "InputError",
     "Loads",
     "Motion",

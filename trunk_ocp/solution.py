@@ -6,6 +6,7 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -88,6 +89,10 @@ class Plan:
         here, rather than near the step before (sequential plans, appendix B).
     derivative_seconds : float
         Of `solve_seconds`, those in the objective, the constraints and their derivatives.
+    versions : dict
+        Of what planned it; see `provenance`.
+    options : dict
+        With which it was planned: those of the planner and, by its name, the command's.
     """
 
     motion: Motion
@@ -106,6 +111,8 @@ class Plan:
     derivative_seconds: float = 0.0
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         steps = f"{len(self.x)} of {len(self.motion.steps)} steps"

@@ -21,22 +21,34 @@ import xarray as xr
 from .anatomy import AnatomySpec
 from .collocation import Mesh
 from .errors import InputError, TrunkError
+from .files import replacing, write
 from .motion import build_motion
 from .problem_file import ProblemSpec
+from .provenance import fingerprint
 from .solution import Plan, loads_of
 from .statics import shape_of_states
+from .threads import one_thread
 from .transcription import Weights
 
 POINTS = 101
 
 
+@one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
-    """Write a plan to a folder, which is made if need be."""
+    """Write a plan to a folder, which is made if need be; each file whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written there.
+    """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "summary.json").write_text(json.dumps(summary(plan), indent=2) + "\n")
-    _write_activations(plan, folder / "activations.csv")
-    dataset(plan).to_netcdf(folder / "solution.nc", engine="scipy")
+    # All of them first, so that a plan that cannot be told leaves the files of the one before.
+    report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
+    write(folder / "activations.csv", _activations(plan))
+    with replacing(folder / "solution.nc") as path:
+        labelled.to_netcdf(path, engine="scipy")
+    write(folder / "summary.json", report)
 
 
 def load_plan(folder: str | Path) -> Plan:
@@ -91,6 +103,8 @@ def _restore(data: xr.Dataset) -> Plan:
         derivative_seconds=float(attributes["seconds_derivatives"]),
         total_seconds=float(attributes["seconds_total"]),
         notes=tuple(json.loads(attributes["notes_json"])),
+        versions=json.loads(attributes.get("versions_json", "{}")),
+        options=json.loads(attributes.get("options_json", "{}")),
     )
 
 
@@ -149,6 +163,10 @@ def summary(plan: Plan) -> dict[str, Any]:
             "objective": "J of eq. (42) with the problem's weights",
         },
         "version": version("trunk_ocp"),
+        "versions": plan.versions,
+        "options": plan.options,
+        "problem_sha256": fingerprint(plan.motion.spec),
+        "anatomy_sha256": fingerprint(plan.motion.anatomy),
     }
     finite: dict[str, Any] = _finite(report)
     return finite
@@ -253,18 +271,21 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "seconds_solve": plan.solve_seconds,
         "seconds_derivatives": plan.derivative_seconds,
         "seconds_total": plan.total_seconds,
+        "versions_json": json.dumps(plan.versions),
+        "options_json": json.dumps(plan.options),
+        "problem_sha256": fingerprint(motion.spec),
+        "anatomy_sha256": fingerprint(motion.anatomy),
         "source": f"trunk_ocp {version('trunk_ocp')}",
     }
 
 
-def _write_activations(plan: Plan, path: Path) -> None:
-    """One row for each time step, the passive start included."""
-    motion = plan.motion
-    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(head)
-        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1])])
-        for step, x in zip(motion.steps, plan.x, strict=False):
-            phase = motion.phases[step.phase].name
-            writer.writerow([f"{step.time:.9g}", phase, *(f"{value:.9g}" for value in x)])
+def _activations(plan: Plan) -> str:
+    """A table in CSV: one row for each time step, the passive start included."""
+    motion, text = plan.motion, io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerow(["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"])
+    writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1])])
+    for step, x in zip(motion.steps, plan.x, strict=False):
+        phase = motion.phases[step.phase].name
+        writer.writerow([f"{step.time:.9g}", phase, *(f"{value:.9g}" for value in x)])
+    return text.getvalue()

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ..anatomy import Muscle, Trunk
+from ..files import replacing
 from ..motion import Motion
 
 NAMES = {
@@ -70,12 +71,12 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Write a figure in every format: the same picture gives the same bytes."""
-    folder.mkdir(parents=True, exist_ok=True)
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     paths = []
     for kind in formats:
         path = folder / f"{name}.{kind}"
-        figure.savefig(path, format=kind, metadata=undated.get(kind))
+        with replacing(path) as unfinished:
+            figure.savefig(unfinished, format=kind, metadata=undated.get(kind))
         paths.append(path)
     return paths
 
