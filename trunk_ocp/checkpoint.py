@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import time
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -29,6 +30,7 @@ from .targets import Held
 
 FILE = "resume.npz"
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
+WORTH_LASTING = 1.0  # s of work that are worth the wait for a disk, lest a power cut take them
 SHOWN = 3  # changes told one by one
 
 
@@ -49,8 +51,8 @@ class Stage:
 class Checkpoint:
     """A file that a plan is gone on with, if its process ends before it does.
 
-    Written whole after every window, in well under a millisecond, by `plan_motion`; remove it
-    when the plan is saved.
+    Written whole after every window by `plan_motion`; remove it when the plan is saved. At every
+    moment the file is there, or its successor is beside it.
 
     Parameters
     ----------
@@ -68,11 +70,17 @@ class Checkpoint:
     def __init__(self, path: str | Path, resume: bool = False) -> None:
         self.path, self.resume = Path(path), resume
         self.seconds = 0.0
-        self._began = time.perf_counter()
-        self._identity: dict[str, Any] = {}
+        self._newer = self.path.with_name(f"{self.path.stem}-newer{self.path.suffix}")
+        self._began = self._saved = time.perf_counter()
+        self._identity_json = b""
         self._found: list[Stage] = []
         self._stages: list[Stage] = []
         self._failed = False
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is something to resume."""
+        return self._newer.exists() or self.path.exists()
 
     def open(
         self, motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
@@ -85,13 +93,20 @@ class Checkpoint:
             If there is nothing to resume, or if it is not of this very plan; names what changed.
         """
         self._began = time.perf_counter()
-        self._identity = _identity(motion, mode, lookahead, options, start)
+        identity = _identity(motion, mode, lookahead, options, start)
+        self._identity_json = json.dumps(identity).encode()
         self._found, self._stages = [], []
         if not self.resume:
-            self.path.unlink(missing_ok=True)
+            self.remove()
             return
-        identity, seconds, self._found = _read(self.path)
-        changes = _changes(identity, self._identity)
+        if not self.exists:
+            raise InputError(
+                f"{self.path}: there is nothing to resume; expected an unfinished run here. Run "
+                "without --resume to start anew."
+            )
+        newest = self._newer if self._newer.exists() else self.path
+        found, seconds, self._found = _read(newest)
+        changes = _changes(found, identity)
         if changes:
             raise InputError(
                 f"{self.path}: cannot be resumed, because {' and '.join(changes)}; expected the "
@@ -127,27 +142,35 @@ class Checkpoint:
         stage = self._stages[-1]
         stage.previous = previous
         stage.counters = {name: getattr(work.optimiser, name) for name in COUNTERS}
-        metadata = {
-            "identity": self._identity,
+        progress = {
             "seconds": self.seconds + time.perf_counter() - self._began,
             "stages": [_described(stage) for stage in self._stages],
         }
-        text = json.dumps(metadata).encode()
-        arrays: dict[str, Any] = {"metadata": np.frombuffer(text, np.uint8)}
-        for number, each in enumerate(self._stages):
-            arrays |= {f"{number}.{name}": array for name, array in _arrays(each)}
+        # Few members and one array: each costs time, and this is written after every window.
+        values = [array.ravel() for stage in self._stages for array in _arrays(stage).values()]
         content = io.BytesIO()
-        np.savez(content, **arrays)
+        np.savez(
+            content,
+            identity=np.frombuffer(self._identity_json, np.uint8),
+            progress=np.frombuffer(json.dumps(progress).encode(), np.uint8),
+            values=np.concatenate(values),
+        )
+        now = time.perf_counter()
+        lasting, self._saved = now - self._saved > WORTH_LASTING, now
         try:
-            write(self.path, content.getvalue(), lasting=False)
-        except InputError as error:
+            write(self._newer, content.getvalue(), lasting)
+            # Not by replacing, for which a file system may wait for its disk.
+            self.path.unlink(missing_ok=True)
+            self._newer.rename(self.path)
+        except (InputError, OSError) as error:
             if not self._failed:
                 work.optimiser.reporter.note(f"Going on, but this could not be resumed: {error}")
             self._failed = True
 
     def remove(self) -> None:
         """Remove the file: the plan is saved."""
-        self.path.unlink(missing_ok=True)
+        for path in (self._newer, self.path):
+            path.unlink(missing_ok=True)
 
 
 def _identity(
@@ -207,18 +230,19 @@ def _short(value: Any) -> str:
 
 
 def _described(stage: Stage) -> dict[str, Any]:
-    """What of a stage is no array."""
+    """What of a stage is no array, and the shapes of its arrays."""
     return {
         "mode": stage.mode,
-        "mesh": asdict(stage.mesh),
+        "mesh": {"edges": stage.mesh.edges, "degree": stage.mesh.degree},
         "held": [[held.step, held.Z, held.director] for held in stage.state.held],
         "near": list(stage.state.near),
         "converged": stage.state.converged,
         "counters": stage.counters,
+        "shapes": {name: array.shape for name, array in _arrays(stage).items()},
     }
 
 
-def _arrays(stage: Stage) -> Iterator[tuple[str, np.ndarray]]:
+def _arrays(stage: Stage) -> dict[str, np.ndarray]:
     """Arrays of a stage that are not empty, by name."""
     state = stage.state
     lists = {
@@ -228,9 +252,10 @@ def _arrays(stage: Stage) -> Iterator[tuple[str, np.ndarray]]:
         "held": list(state.held.values()),
         "near": list(state.near.values()),
     }
-    yield from ((name, np.array(rows)) for name, rows in lists.items() if rows)
     optional = {"auxiliary": state.auxiliary, "previous": stage.previous}
-    yield from ((name, array) for name, array in optional.items() if array is not None)
+    return {name: np.array(rows) for name, rows in lists.items() if rows} | {
+        name: array for name, array in optional.items() if array is not None
+    }
 
 
 def _read(path: Path) -> tuple[dict[str, Any], float, list[Stage]]:
@@ -239,22 +264,14 @@ def _read(path: Path) -> tuple[dict[str, Any], float, list[Stage]]:
     Raises
     ------
     InputError
-        If there is none, or if it is damaged.
+        If it is damaged.
     """
-    if not path.exists():
-        raise InputError(
-            f"{path}: there is nothing to resume; expected an unfinished run here. Run without "
-            "--resume to start anew."
-        )
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
-            arrays = {name: data[name] for name in data.files}
-        metadata = json.loads(arrays["metadata"].tobytes())
-        stages = [
-            _stage(told, {name: arrays.get(f"{number}.{name}") for name in NAMES})
-            for number, told in enumerate(metadata["stages"])
-        ]
-        identity, seconds = metadata["identity"], float(metadata["seconds"])
+            identity, progress = (json.loads(data[n].tobytes()) for n in ("identity", "progress"))
+            values = iter(data["values"])
+        stages = [_stage(told, values) for told in progress["stages"]]
+        seconds = float(progress["seconds"])
     except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise InputError(
             f"{path}: cannot be read as an unfinished run ({error}); run without --resume to "
@@ -263,11 +280,13 @@ def _read(path: Path) -> tuple[dict[str, Any], float, list[Stage]]:
     return identity, seconds, stages
 
 
-NAMES = ("x", "tip_forces", "states", "held", "near", "auxiliary", "previous")
-
-
-def _stage(told: dict[str, Any], arrays: dict[str, np.ndarray | None]) -> Stage:
-    rows = {name: [] if array is None else list(array) for name, array in arrays.items()}
+def _stage(told: dict[str, Any], values: Iterator[float]) -> Stage:
+    """A stage, whose arrays are the next of all values."""
+    arrays = {
+        name: np.fromiter(values, float, math.prod(shape)).reshape(shape)
+        for name, shape in told["shapes"].items()
+    }
+    rows = {name: list(array) for name, array in arrays.items()}
     held = [Held(step, Z, director) for step, Z, director in told["held"]]
     return Stage(
         told["mode"],
@@ -276,11 +295,11 @@ def _stage(told: dict[str, Any], arrays: dict[str, np.ndarray | None]) -> Stage:
             x=rows["x"],
             tip_forces=rows["tip_forces"],
             states=rows["states"],
-            held=dict(zip(held, rows["held"], strict=True)),
-            auxiliary=arrays["auxiliary"],
-            near=dict(zip(told["near"], rows["near"], strict=True)),
+            held=dict(zip(held, rows.get("held", []), strict=True)),
+            auxiliary=arrays.get("auxiliary"),
+            near=dict(zip(told["near"], rows.get("near", []), strict=True)),
             converged=told["converged"],
         ),
-        arrays["previous"],
+        arrays.get("previous"),
         told["counters"],
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator
@@ -29,6 +30,9 @@ from .screen import Screen, comparison_table, rank_table, sign_table, step_table
 from .solution import Plan, Status
 from .solver import check_linear_solver
 from .storage import load_plan, save_plan, summary
+
+# Where it may not keep its settings it makes a folder for them; nobody needs to know.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 EXIT_CODES = {Status.SOLVED: 0, Status.INTERRUPTED: INTERRUPTED}
 BAD_INPUT, NOT_SOLVED = 2, 3
@@ -177,14 +181,20 @@ def _checkpoints(
     """
     wanted: dict[str, list[int | None]] = {"sequential": [1], "horizon": [None], "both": [1, None]}
     lookaheads = wanted[mode] if lookahead is None else [lookahead]
-    paths = {h: folder / _folder_name(*mode_of(motion, h)) / FILE for h in lookaheads}
-    there = [path for path in paths.values() if path.exists()]
-    if resume and not there:
+    checkpoints = {
+        h: Checkpoint(folder / _folder_name(*mode_of(motion, h)) / FILE) for h in lookaheads
+    }
+    if not resume:
+        return checkpoints
+    there = [checkpoint for checkpoint in checkpoints.values() if checkpoint.exists]
+    if not there:
         raise InputError(
             f"{folder}: there is nothing to resume; expected an unfinished run of this problem and "
             "mode here. Name its folder with --out, or run without --resume to start anew."
         )
-    return {h: Checkpoint(path, resume and path in there) for h, path in paths.items()}
+    for checkpoint in there:
+        checkpoint.resume = True
+    return checkpoints
 
 
 def _plans(

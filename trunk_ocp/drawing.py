@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import signal
@@ -51,7 +50,6 @@ def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Pa
     work.append((draw_anatomy, (plans[0].motion.trunk, folder / "figures")))
     # New processes: what is forked from one with solver threads may hang.
     context = multiprocessing.get_context("spawn")
-    _quieten()
     pool = ProcessPoolExecutor(PROCESSES, context, _serve)
     try:
         tasks = [pool.submit(function, *arguments) for function, arguments in work]
@@ -80,7 +78,6 @@ def _serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: _leave())
     threading.Thread(target=_follow, daemon=True).start()
-    _quieten()
 
 
 def _follow() -> None:
@@ -94,8 +91,3 @@ def _follow() -> None:
 def _leave() -> None:
     discard_unfinished()
     os._exit(1)
-
-
-def _quieten() -> None:
-    """Keep to ourselves what matplotlib says of fonts and folders that it finds others for."""
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)

@@ -1,0 +1,1 @@
+"""Long checks of what the package promises, each with counts of what was tried and what held."""
