@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -66,7 +67,7 @@ def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Pa
             process.terminate()
         raise
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
     return page
 
 
@@ -75,6 +76,7 @@ def _serve() -> None:
 
     Ctrl-C reaches every process at once; the first one answers for all.
     """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in the one that started it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: _leave())
     threading.Thread(target=_follow, daemon=True).start()

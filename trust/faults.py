@@ -1,4 +1,4 @@
-"""Runs ended at random moments and resumed: do they come to the same bits?
+"""Runs that end at random moments and are resumed come to the same bits.
 
     python -m trust.faults --count 50 --seed 1 --json FILE
 
@@ -162,13 +162,9 @@ def measure(count: int, seed: int) -> dict[str, Any]:
         if wrong:
             tally.disagreements.append(wrong)
         tally.survived += not wrong
-        faults, seconds = sum(tally.injected.values()), time.perf_counter() - began
-        print(
-            f"{number} of {count} trials, {faults} faults, {tally.survived} survived, {seconds:.0f} s",
-            flush=True,
-        )
-        if wrong:
-            print(f"  {wrong}", flush=True)
+        faults, spent = sum(tally.injected.values()), time.perf_counter() - began
+        told = f"{number} of {count} trials, {faults} faults, {tally.survived} survived"
+        print(f"{told}, {spent:.0f} s", f"  {wrong}" * bool(wrong), flush=True)
     return {
         "faults_injected": dict(tally.injected),
         "came_after_the_end": tally.came_too_late,
