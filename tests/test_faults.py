@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -299,6 +300,23 @@ def test_an_interrupt_before_and_after_planning_exits_4(problem, whole, tmp_path
         assert leftovers(tmp_path) == []
     else:
         assert bits(tmp_path) == whole["both"]  # what was planned is saved to the end
+
+
+def test_an_interrupt_before_the_first_step_leaves_what_is_there(problem, tmp_path):
+    old = tmp_path / "sequential" / "summary.json"
+    write(old, "of an earlier run")
+    ended = struck("INT", "beginning", 1, problem, "--out", tmp_path, "--mode", "sequential")
+    assert ended.returncode == 4
+    assert "nothing more was saved" in ended.stderr
+    assert [path.name for path in old.parent.iterdir()] == ["summary.json"]
+    assert old.read_text() == "of an earlier run"
+
+
+def test_a_plan_without_steps_is_not_saved(plan, tmp_path):
+    empty = replace(plan, x=plan.x[:0], tip_forces=plan.tip_forces[:0], shape=plan.part(0, 0))
+    with pytest.raises(InputError, match="no time steps"):
+        save_plan(empty, tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupt_while_drawing_leaves_the_plans(problem, whole, tmp_path):

@@ -124,6 +124,8 @@ def solve(
             with Screen(console, motion) as screen, interrupts.patience(screen):
                 plans = _plans(motion, checkpoints, options, screen)
                 finished = not screen.stop
+                if not len(plans[0].x):
+                    raise KeyboardInterrupt  # before the first step: what is saved stays
                 plans = [
                     replace(plan, options=plan.options | {"command": command}) for plan in plans
                 ]

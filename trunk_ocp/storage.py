@@ -40,8 +40,10 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     Raises
     ------
     InputError
-        If a file cannot be written there.
+        If the plan has no time steps, or a file cannot be written there.
     """
+    if not len(plan.x):
+        raise InputError(f"{plan.motion.name}: the plan has no time steps; nothing to save.")
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
     report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
