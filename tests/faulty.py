@@ -2,7 +2,8 @@
 
 FAULT is KILL (as by kill -9), INT (as by Ctrl-C) or TWICE (Ctrl-C two times at once). It comes at
 the COUNT-th time of MOMENT: `window` after one is kept, `keeping` amid that, `iteration` of the
-optimiser, `drawing`, `reading` the problem, `beginning` to plan, or the name of a file, just before it is in its place.
+optimiser, `drawing`, `reading` the problem, `beginning` to plan, or the name of a file, just before
+it is in its place.
 """
 
 import os
