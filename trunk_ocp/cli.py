@@ -111,9 +111,7 @@ def solve(
         raise click.UsageError("give --mode or --lookahead, not both.")
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
-    command = {
-        name: str(value) if name == "out" else value for name, value in context.params.items()
-    }
+    command = json.loads(json.dumps(context.params, default=str))
     with Interrupts() as interrupts, _clean_errors():
         motion = load_motion(problem)
         folder = out or Path("results") / motion.name
@@ -151,15 +149,15 @@ def solve(
         if not finished:
             console.print("solve-motion --resume, with the same options, goes on from here.")
         console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
-    if quiet:
-        for plan in plans:
-            if plan.status is not Status.SOLVED:
-                click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
-    if as_json:
-        reports = {plan_folder(plan): summary(plan) for plan in plans}
-        click.echo(json.dumps(reports, indent=2), file=output)
-    codes = [EXIT_CODES.get(plan.status, NOT_SOLVED) for plan in plans]
-    sys.exit(INTERRUPTED if interrupts.came else max(codes))
+        if quiet:
+            for plan in plans:
+                if plan.status is not Status.SOLVED:
+                    click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
+        if as_json:
+            reports = {plan_folder(plan): summary(plan) for plan in plans}
+            click.echo(json.dumps(reports, indent=2), file=output)
+        codes = [EXIT_CODES.get(plan.status, NOT_SOLVED) for plan in plans]
+        sys.exit(INTERRUPTED if interrupts.came else max(codes))
 
 
 def plan_folder(plan: Plan) -> str:

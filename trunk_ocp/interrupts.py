@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -34,6 +35,8 @@ class Interrupts:
 
     def __enter__(self) -> Interrupts:
         self._before = signal.signal(signal.SIGINT, self._answer)
+        # While the interpreter takes itself down there is nothing left to stop.
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
         return self
 
     def __exit__(
