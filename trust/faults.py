@@ -112,9 +112,9 @@ def trial(case: Case, dice: random.Random, whole: dict[str, bytes], usual: float
     """End a run one to three times and resume it; what is wrong, or nothing."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "run"
-        story = f"{case.problem} {' '.join(case.mode)}"
+        story, code = f"{case.problem} {' '.join(case.mode)}", -1
         for _ in range(dice.randint(1, 3)):
-            kind, delay = dice.choice(KINDS), dice.uniform(0.0, 1.1 * usual)
+            kind, delay = dice.choice(KINDS), dice.uniform(0.0, 0.9 * usual)
             resume = any(folder.glob(f"*/{Path(FILE).stem}*.npz"))
             code = struck(case, folder, resume, kind, delay, dice.randint(*ROOM))
             story += f", {kind} after {delay:.3f} s"
@@ -126,12 +126,13 @@ def trial(case: Case, dice: random.Random, whole: dict[str, bytes], usual: float
                 return f"{story}: exit code {code}"
         if any(folder.rglob(".*.part*")) and kind != "kill":
             return f"{story}: left half a file"
-        resume = any(folder.glob(f"*/{Path(FILE).stem}*.npz"))
-        t.resumed += resume
-        t.nothing_to_resume += not resume
-        code, error = let_through(case, folder, resume)
         if code != 0:
-            return f"{story}: resumed, exit code {code}: {error}"
+            resume = any(folder.glob(f"*/{Path(FILE).stem}*.npz"))
+            t.resumed += resume
+            t.nothing_to_resume += not resume
+            code, error = let_through(case, folder, resume)
+            if code != 0:
+                return f"{story}: resumed, exit code {code}: {error}"
         left = [p.name for p in folder.rglob("*") if p.name.startswith((".", Path(FILE).stem))]
         if left:
             return f"{story}: left {', '.join(left)}"
