@@ -5,6 +5,7 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 """
 
 from .anatomy import Trunk, load_anatomy
+from .checkpoint import Checkpoint
 from .comparison import compare, measure
 from .diagnosis import Diagnosis, Finding, explain
 from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
@@ -24,6 +25,7 @@ from .storage import load_plan, save_plan
 from .transcription import Weights
 
 __all__ = [
+    "Checkpoint",
     "Diagnosis",
     "Finding",
     "InputError",

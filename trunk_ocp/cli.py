@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
+import logging
 import sys
-import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
+from .checkpoint import FILE, Checkpoint
 from .comparison import compare
 from .diagnosis import effects, explain
 from .errors import InputError, TrunkError
+from .files import alone, write
+from .interrupts import INTERRUPTED, Interrupts
 from .motion import Motion, load_motion
-from .planner import Options, plan_motion
+from .output import standard_output
+from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
 from .reporting import Reporter
 from .screen import (
@@ -37,6 +39,9 @@ from .screen import (
 from .solution import Plan, Status
 from .solver import check_linear_solver
 from .storage import finite, load_plan, save_diagnosis, save_plan, summary
+
+# Where it may not keep its settings it makes a folder for them; nobody needs to know.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 BAD_INPUT = 2
 
@@ -80,6 +85,7 @@ BAD_INPUT = 2
     "trunk, random ones.",
     metavar="N",
 )
+@click.option("--resume", is_flag=True, help="Go on with an unfinished run, from its last window.")
 @click.option("--no-figures", is_flag=True, help="Draw no figures and no page.")
 @click.option("--film", is_flag=True, help="Make a film as well: half a minute or more.")
 @click.option("--quiet", is_flag=True, help="Print nothing but what went wrong.")
@@ -92,6 +98,7 @@ def solve(
     linear_solver: str,
     max_iterations: int,
     starts: int,
+    resume: bool,
     no_figures: bool,
     film: bool,
     quiet: bool,
@@ -106,64 +113,114 @@ def solve(
     verified, or a target out of reach (what was reached is saved and marked); 4 interrupted
     (the best so far is saved).
     """
-    source = click.get_current_context().get_parameter_source("mode")
+    context = click.get_current_context()
+    source = context.get_parameter_source("mode")
     if lookahead is not None and source is not click.core.ParameterSource.DEFAULT:
         raise click.UsageError("give --mode or --lookahead, not both.")
-    console = Console(quiet=quiet or as_json, highlight=False)
-    # CasADi's OpenBLAS, loaded with the solver, would only spin a second thread here.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with _clean_errors():
+    output = standard_output()
+    console = Console(file=output, quiet=quiet or as_json, highlight=False)
+    command = json.loads(json.dumps(context.params, default=str))
+    with Interrupts() as interrupts, _clean_errors():
         motion = load_motion(problem)
         folder = out or Path("results") / motion.name
         check_linear_solver(linear_solver)
-        _check_writable(folder)
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
-        with Screen(console, motion) as screen, _interruptible(screen):
-            plans = _plans(motion, mode, lookahead, options, screen)
-            for plan in plans:
-                save_plan(plan, folder / plan_folder(plan))
-        for plan in plans:
-            console.print(step_table(plan))
-            _verdict(console, plan)
-            _tell(console, plan, folder / plan_folder(plan))
-        if len(plans) == 2:
-            figures = compare(*plans)
-            (folder / "comparison.json").write_text(json.dumps(figures, indent=2) + "\n")
-            console.print(comparison_table(figures))
-        with _interrupted_drawing(console):
-            if not no_figures:
-                _draw(plans, folder, console)
-            if film:
+        checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
+        with alone(folder):
+            with Screen(console, motion) as screen, interrupts.patience(screen):
+                plans = _plans(motion, checkpoints, options, screen)
+                finished = not screen.stop
+                if not len(plans[0].x):
+                    raise KeyboardInterrupt  # before the first step: what is saved stays
+                plans = [
+                    replace(plan, options=plan.options | {"command": command}) for plan in plans
+                ]
                 for plan in plans:
-                    _film(plan, folder / plan_folder(plan), console)
-        console.print(f"Results are in {folder}/")
-    if quiet:
-        for plan in plans:
-            if plan.status is not Status.SOLVED:
-                click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
-    if as_json:
-        reports = {plan_folder(plan): summary(plan) for plan in plans}
-        click.echo(json.dumps(reports, indent=2))
-    sys.exit(max(plan.status.exit_code for plan in plans))
+                    save_plan(plan, folder / plan_folder(plan))
+                figures = compare(*plans) if len(plans) == 2 else {}
+                if figures:
+                    write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
+                if finished:
+                    for checkpoint in checkpoints.values():
+                        checkpoint.remove()
+            for plan in plans:
+                console.print(step_table(plan))
+                _verdict(console, plan)
+                _tell(console, plan, folder / plan_folder(plan))
+            if figures:
+                console.print(comparison_table(figures))
+            with _interrupted_drawing(console):
+                if not no_figures and not interrupts.came:
+                    _draw(plans, folder, console)
+                if film and not interrupts.came:
+                    for plan in plans:
+                        _film(plan, folder / plan_folder(plan), console)
+        if not finished:
+            console.print("solve-motion --resume, with the same options, goes on from here.")
+        console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+        if quiet:
+            for plan in plans:
+                if plan.status is not Status.SOLVED:
+                    click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
+        if as_json:
+            reports = {plan_folder(plan): summary(plan) for plan in plans}
+            click.echo(json.dumps(reports, indent=2), file=output)
+        codes = [plan.status.exit_code for plan in plans]
+        sys.exit(INTERRUPTED if interrupts.came else max(codes))
 
 
 def plan_folder(plan: Plan) -> str:
     """Name of a plan's folder: its mode, with the lookahead of a receding horizon."""
-    return f"receding-{plan.lookahead}" if plan.mode == "receding" else plan.mode
+    return _folder_name(plan.mode, plan.lookahead)
+
+
+def _folder_name(mode: str, lookahead: int) -> str:
+    return f"receding-{lookahead}" if mode == "receding" else mode
+
+
+def _checkpoints(
+    motion: Motion, mode: str, lookahead: int | None, folder: Path, resume: bool
+) -> dict[int | None, Checkpoint]:
+    """Checkpoints of the plans to make, one after the other, by their lookahead.
+
+    Raises
+    ------
+    InputError
+        If a run is to be resumed where there is none.
+    """
+    wanted: dict[str, list[int | None]] = {"sequential": [1], "horizon": [None], "both": [1, None]}
+    lookaheads = wanted[mode] if lookahead is None else [lookahead]
+    checkpoints = {
+        h: Checkpoint(folder / _folder_name(*mode_of(motion, h)) / FILE) for h in lookaheads
+    }
+    if not resume:
+        return checkpoints
+    there = [checkpoint for checkpoint in checkpoints.values() if checkpoint.exists]
+    if not there:
+        raise InputError(
+            f"{folder}: there is nothing to resume; expected an unfinished run of this problem and "
+            "mode here. Name its folder with --out, or run without --resume to start anew."
+        )
+    for checkpoint in there:
+        checkpoint.resume = True
+    return checkpoints
 
 
 def _plans(
-    motion: Motion, mode: str, lookahead: int | None, options: Options, reporter: Reporter
+    motion: Motion,
+    checkpoints: dict[int | None, Checkpoint],
+    options: Options,
+    reporter: Reporter,
 ) -> list[Plan]:
-    if lookahead is not None:
-        return [plan_motion(motion, lookahead, options, reporter, throw=False)]
-    if mode == "horizon":
-        return [plan_motion(motion, None, options, reporter, throw=False)]
-    sequential = plan_motion(motion, 1, options, reporter, throw=False)
-    if mode == "sequential" or reporter.stop:
-        return [sequential]
-    horizon = plan_motion(motion, None, options, reporter, start=sequential, throw=False)
-    return [sequential, horizon]
+    """Plans by their lookahead; a second one starts from the first."""
+    plans: list[Plan] = []
+    for lookahead, checkpoint in checkpoints.items():
+        start = plans[-1] if plans else None
+        plan = plan_motion(motion, lookahead, options, reporter, start, checkpoint, throw=False)
+        plans.append(plan)
+        if reporter.stop:
+            break
+    return plans
 
 
 def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
@@ -173,7 +230,7 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     with console.status("drawing figures; Ctrl-C leaves them out"):
         page = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
     if page is not None:
-        console.print(f"Turn it in a browser: {page}")
+        console.print(f"Turn it in a browser: {page}", markup=False, soft_wrap=True)
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -194,7 +251,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
         )
     for path in paths:
-        console.print(f"Film: {path}")
+        console.print(f"Film: {path}", markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -236,36 +293,7 @@ def _clean_errors() -> Iterator[None]:
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
         click.echo("Interrupted; nothing more was saved.", err=True)
-        sys.exit(Status.INTERRUPTED.exit_code)
-
-
-def _check_writable(folder: Path) -> None:
-    """Make the output folder before hours are spent on what goes into it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise InputError(
-            f"{folder}: cannot be written to ({error.strerror}); name another folder with --out."
-        ) from None
-
-
-@contextmanager
-def _interruptible(reporter: Reporter) -> Iterator[None]:
-    """The first Ctrl-C ends the plan after the current iteration; a second one at once."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        if reporter.stop:
-            raise KeyboardInterrupt
-        reporter.stop = True
-        reporter.note("Stopping; the best so far will be saved.")
-
-    before = signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+        sys.exit(INTERRUPTED)
 
 
 @click.group()
@@ -278,7 +306,7 @@ def main() -> None:
 @click.option("--anatomy", default="asian-elephant", show_default=True, help="Name or file.")
 def tables(anatomy: str) -> None:
     """Print what each muscle group does, and how strongly (the paper's Tables 2 and 3)."""
-    console = Console(highlight=False)
+    console = Console(file=standard_output(), highlight=False)
     with _clean_errors():
         trunk = load_anatomy(anatomy)
         if not trunk.muscles:

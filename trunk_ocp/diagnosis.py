@@ -19,6 +19,7 @@ from .relaxation import Excess, contradictions, reach, said
 from .reporting import Reporter
 from .solution import Plan, Status
 from .solver import Solve
+from .threads import one_thread
 from .verification import LARGEST_DIFFERENCE, SLACK
 
 MOST = 6  # details of one finding that are told
@@ -73,6 +74,7 @@ class Diagnosis:
         }
 
 
+@one_thread()
 def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> Diagnosis:
     """Why a plan is what it is.
 
@@ -90,7 +92,9 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
-    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if deep else ())
+    return Diagnosis(
+        plan.status, tuple(findings), rows, responses(plan) if deep and not plan.interrupted else ()
+    )
 
 
 # --- failures ----------------------------------------------------------------------------

@@ -12,7 +12,8 @@ import contextlib
 import itertools
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,13 +22,18 @@ from .collocation import Mesh, mesh_for
 from .errors import InputError, StaticsError
 from .loads import Loads, vector
 from .motion import Box, Motion, Step, allowed
+from .provenance import versions
 from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
 from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome, rank
 from .statics import Shape, shape_of_states, solve_statics
 from .targets import Held
+from .threads import one_thread
 from .transcription import Weights, Window
+
+if TYPE_CHECKING:
+    from .checkpoint import Checkpoint
 
 GAUSS_POINTS = 24
 """Along the trunk; with fewer, the shipped motions come near the check's limit."""
@@ -77,12 +83,14 @@ class State:
     converged: bool = True
 
 
+@one_thread()
 def plan_motion(
     motion: Motion,
     lookahead: int | None = None,
     options: Options | None = None,
     reporter: Reporter | None = None,
     start: Plan | None = None,
+    checkpoint: Checkpoint | None = None,
     throw: bool = True,
 ) -> Plan:
     """Find activations and head angles that perform a motion.
@@ -96,6 +104,8 @@ def plan_motion(
         A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
         the sequential plan. A horizon returns nothing worse by its own objective, as long as
         the start keeps the horizon's bounds, which appendix B does not ask of a sequential plan.
+    checkpoint : Checkpoint, optional
+        Where every finished window is kept, and gone on from.
     throw : bool
         False to get a plan that is not solved as well: look at its `status`.
 
@@ -109,38 +119,35 @@ def plan_motion(
     PlanError
         If it is not solved; the error has the plan.
     InputError
-        If the lookahead is not a whole number from 1 on.
+        If the lookahead is not a whole number from 1 on, or the checkpoint is of another plan.
     SolverMissingError
         If the linear solver is not there.
     """
     began = time.perf_counter()
     options, reporter = options or Options(), reporter or Reporter()
-    count = len(motion.steps)
-    if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
-        raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
-    mode = "horizon" if lookahead is None or lookahead >= count else "receding"
-    mode = "sequential" if lookahead == 1 else mode
-    lookahead = min(lookahead or count, count)
+    mode, lookahead = mode_of(motion, lookahead)
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
     rough = Optimiser(options.linear_solver, options.max_iterations, reporter, ROUGH)
     mesh = first_mesh(motion, options)
     given = start  # its own cost counts as well
+    if checkpoint is not None:
+        checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
-        start = Pass(motion, mesh, "sequential", 1, options, rough).run()
+        start = Pass(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     if reporter.stop and start is not None:
         note = "interrupted before the horizon's own solve; this is the plan it starts from"
         plan = replace(start, mode=mode, lookahead=lookahead, interrupted=True, notes=(note,))
     else:
-        plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start).run()
+        plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint).run()
         for _ in range(REFINEMENTS):
             if not plan.converged or not plan.verification.too_coarse or reporter.stop:
                 break
             mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)
             reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
             again = plan if mode != "sequential" else None
-            plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again).run()
+            plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again, checkpoint).run()
     parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
     plan = replace(
         plan,
@@ -148,10 +155,30 @@ def plan_motion(
         setup_seconds=sum(part.setup_seconds for part in parts),
         solve_seconds=sum(part.solve_seconds for part in parts),
         derivative_seconds=sum(part.derivative_seconds for part in parts),
-        total_seconds=time.perf_counter() - began + (given.total_seconds if given else 0),
+        total_seconds=time.perf_counter()
+        - began
+        + (given.total_seconds if given else 0)
+        + (checkpoint.seconds if checkpoint else 0),
         solves=(*(given.solves if given else ()), *rough.solves, *optimiser.solves),
+        versions=versions(),
+        options=asdict(options),
     )
     return plan.checked() if throw else plan
+
+
+def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
+    """Name of the mode that a lookahead makes, and the lookahead as a number of time steps.
+
+    Raises
+    ------
+    InputError
+        If the lookahead is not a whole number from 1 on.
+    """
+    count = len(motion.steps)
+    if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
+        raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
+    mode = "horizon" if lookahead is None or lookahead >= count else "receding"
+    return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
 
 
 def first_mesh(motion: Motion, options: Options) -> Mesh:
@@ -172,6 +199,7 @@ class Pass:
     options: Options
     optimiser: Optimiser
     start: Plan | None = None
+    checkpoint: Checkpoint | None = None
 
     @property
     def unknowns(self) -> int:
@@ -187,7 +215,9 @@ class Pass:
         """Solve all windows, one after the other."""
         state, count = State(), len(self.motion.steps)
         previous: np.ndarray | None = None  # solution of the window before
-        first = 0
+        if self.checkpoint is not None:
+            state, previous = self.checkpoint.enter(self)
+        first = len(state.x)
         while first < count and not self.stopped:
             last = min(first + self.lookahead, count)
             if self.mode == "sequential":
@@ -196,6 +226,8 @@ class Pass:
                 window, outcome = self._several_steps(first, last, state, previous)
             previous = window.unknowns_of(outcome.full)
             self.keep(window, outcome, count if last == count else first + 1, state)
+            if self.checkpoint is not None and not self.stopped:
+                self.checkpoint.save(self, previous)
             first = len(state.x)
         return self.plan(state)
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 from .errors import InputError
 from .motion import Motion
 from .planner import Options, Pass, State
+from .provenance import versions
 from .reporting import Reporter
 from .solution import Plan
 from .solver import WARM, Optimiser
+from .threads import one_thread
 from .transcription import Window
 
 
@@ -33,6 +35,7 @@ class Replanner:
         If the plan is not a converged one of all time steps.
     """
 
+    @one_thread()
     def __init__(
         self, plan: Plan, options: Options | None = None, reporter: Reporter | None = None
     ) -> None:
@@ -49,6 +52,7 @@ class Replanner:
         start = window.pack(plan.x, plan.shape)
         self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
 
+    @one_thread()
     def __call__(self, motion: Motion, throw: bool = True) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
 
@@ -77,6 +81,8 @@ class Replanner:
         planner.keep(window, outcome, len(motion.steps), state)
         plan = replace(
             planner.plan(state),
+            versions=versions(),
+            options=asdict(self._options),
             iterations=outcome.iterations,
             solve_seconds=self._optimiser.solve_seconds - solve,
             derivative_seconds=self._optimiser.derivative_seconds - derivatives,

@@ -36,11 +36,12 @@ class Screen(Reporter):
         self.began = time.perf_counter()
         self.shown = ""
         self.total = 0
+        self.stopping = False  # whether this was shown
         self.spinner: Spinner | None = None
 
     def __enter__(self) -> Screen:
         steps, muscles = len(self.motion.steps), len(self.motion.trunk.muscles)
-        title = self.motion.spec.title or self.motion.name
+        title = escape(self.motion.spec.title or self.motion.name)
         self.console.print(f"[bold]{title}[/]: {steps} time steps, {muscles} muscles")
         if self.console.is_terminal:
             self.spinner = self.console.status("setting up")
@@ -53,6 +54,7 @@ class Screen(Reporter):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._show_stopping()
         if self.spinner is not None:
             self.spinner.stop()
 
@@ -70,10 +72,17 @@ class Screen(Reporter):
         if line != self.shown:  # a line for all single steps together, one for each window
             self.shown = line
             self.console.print(f"[dim]{seconds:6.1f} s  {line}[/]")
+        self._show_stopping()
 
     def note(self, text: str) -> None:
         """Show a sentence."""
-        self.console.print(text)
+        self.console.print(text, markup=False)
+
+    def _show_stopping(self) -> None:
+        """Answer a request to stop; not where it comes in, which may be amid another print."""
+        if self.stop and not self.stopping:
+            self.stopping = True
+            self.note("Stopping; the best so far will be saved.")
 
 
 def step_table(plan: Plan) -> Table:

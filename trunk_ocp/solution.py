@@ -6,6 +6,7 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -108,6 +109,10 @@ class Plan:
         Of `solve_seconds`, those in the objective, the constraints and their derivatives.
     solves : tuple of Solve
         Record of every solve, in order.
+    versions : dict
+        Of what planned it; see `provenance`.
+    options : dict
+        With which it was planned: those of the planner and, by its name, the command's.
     """
 
     motion: Motion
@@ -127,6 +132,8 @@ class Plan:
     total_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     solves: tuple[Solve, ...] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         steps = f"{len(self.x)} of {len(self.motion.steps)} steps"

@@ -23,30 +23,43 @@ from .anatomy import AnatomySpec
 from .collocation import Mesh
 from .diagnosis import Diagnosis
 from .errors import InputError, TrunkError
+from .files import replacing, write
 from .motion import build_motion
 from .problem_file import ProblemSpec
+from .provenance import fingerprint
 from .solution import Plan, Status, loads_of
 from .solver import Solve
 from .statics import shape_of_states
+from .threads import one_thread
 from .transcription import Weights
-from .violations import Violation
 
 POINTS = 101
 
 
+@one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
-    """Write a plan to a folder, which is made if need be."""
+    """Write a plan to a folder, which is made if need be; each file whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the plan has no time steps, or a file cannot be written there.
+    """
+    if not len(plan.x):
+        raise InputError(f"{plan.motion.name}: the plan has no time steps; nothing to save.")
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "summary.json").write_text(json.dumps(summary(plan), indent=2) + "\n")
-    _write_activations(plan, folder / "activations.csv")
-    dataset(plan).to_netcdf(folder / "solution.nc", engine="scipy")
+    # All of them first, so that a plan that cannot be told leaves the files of the one before.
+    report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
+    write(folder / "activations.csv", _activations(plan))
+    with replacing(folder / "solution.nc") as path:
+        labelled.to_netcdf(path, engine="scipy")
+    write(folder / "summary.json", report)
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
     """Write a diagnosis beside the plan it is of."""
     text = json.dumps(finite(diagnosis.as_json()), indent=2)
-    (Path(folder) / "diagnosis.json").write_text(text + "\n")
+    write(Path(folder) / "diagnosis.json", text + "\n")
 
 
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:
@@ -106,15 +119,10 @@ def _restore(data: xr.Dataset) -> Plan:
         derivative_seconds=float(attributes["seconds_derivatives"]),
         total_seconds=float(attributes["seconds_total"]),
         notes=tuple(json.loads(attributes["notes_json"])),
-        solves=tuple(_solve(record) for record in json.loads(attributes["solves_json"])),
+        solves=tuple(Solve.restored(record) for record in json.loads(attributes["solves_json"])),
+        versions=json.loads(attributes.get("versions_json", "{}")),
+        options=json.loads(attributes.get("options_json", "{}")),
     )
-
-
-def _solve(record: dict[str, Any]) -> Solve:
-    """A solve's record, as `asdict` and JSON leave it."""
-    history = tuple(tuple(entry) for entry in record.pop("history"))
-    violated = tuple(Violation(**entry) for entry in record.pop("violations"))
-    return Solve(**record, history=history, violations=violated)
 
 
 def summary(plan: Plan) -> dict[str, Any]:
@@ -183,6 +191,10 @@ def summary(plan: Plan) -> dict[str, Any]:
             "objective": "J of eq. (42) with the problem's weights",
         },
         "version": version("trunk_ocp"),
+        "versions": plan.versions,
+        "options": plan.options,
+        "problem_sha256": fingerprint(plan.motion.spec),
+        "anatomy_sha256": fingerprint(plan.motion.anatomy),
     }
     numbers: dict[str, Any] = finite(report)
     return numbers
@@ -289,23 +301,27 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "seconds_solve": plan.solve_seconds,
         "seconds_derivatives": plan.derivative_seconds,
         "seconds_total": plan.total_seconds,
+        "versions_json": json.dumps(plan.versions),
+        "options_json": json.dumps(plan.options),
+        "problem_sha256": fingerprint(motion.spec),
+        "anatomy_sha256": fingerprint(motion.anatomy),
         "source": f"trunk_ocp {version('trunk_ocp')}",
     }
 
 
-def _write_activations(plan: Plan, path: Path) -> None:
-    """One row for each time step, the passive start included.
+def _activations(plan: Plan) -> str:
+    """A table in CSV: one row for each time step, the passive start included.
 
     A plan that is not solved says so at the end of every row, for no one to take it for one.
     """
-    motion = plan.motion
-    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    motion, text = plan.motion, io.StringIO(newline="")
     mark = [] if plan.status is Status.SOLVED else [plan.status.name.lower()]
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow([*head, *(["status"] if mark else [])])
-        writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
-        for step, x in zip(motion.steps, plan.x, strict=False):
-            phase = motion.phases[step.phase].name
-            numbers = (f"{value:.9g}" for value in x)
-            writer.writerow([f"{step.time:.9g}", phase, *numbers, *mark])
+    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    writer = csv.writer(text)
+    writer.writerow([*head, *(["status"] if mark else [])])
+    writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
+    for step, x in zip(motion.steps, plan.x, strict=False):
+        phase = motion.phases[step.phase].name
+        numbers = (f"{value:.9g}" for value in x)
+        writer.writerow([f"{step.time:.9g}", phase, *numbers, *mark])
+    return text.getvalue()

@@ -22,6 +22,7 @@ from .loads import Loads, mass_beyond
 from .motion import Motion, allowed
 from .rotations import directors as directors_of
 from .statics import Shape
+from .threads import one_thread
 
 TOLERANCE = 1e-10
 LARGEST_DIFFERENCE = 1e-4  # m, between the planned and the integrated centerline
@@ -102,6 +103,7 @@ def _nan_high(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.inf, values)
 
 
+@one_thread()
 def verify(
     motion: Motion,
     x: np.ndarray,

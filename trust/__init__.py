@@ -1,1 +1,1 @@
-"""Why the rod can be believed: `python -m trust.validate` writes docs/validation.md."""
+"""What is done to find this package wrong: cases, files, faults, and counts of what held."""

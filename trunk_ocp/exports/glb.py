@@ -17,8 +17,8 @@ import numpy as np
 
 from ..anatomy import Muscle
 from ..colours import OTHERS, group_colours
+from ..files import write
 from ..solution import Plan
-from .files import write
 from .keyframes import Keyframes, with_between
 from .surfaces import Surface, coarse_body, coarse_outline, shaded
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import write
 from ..interpolation import interpolate
 from ..solution import Plan
-from .files import write
 from .keyframes import check_steps
 
 RATE = 100.0  # rows a second, besides those at the time steps

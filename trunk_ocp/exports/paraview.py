@@ -14,10 +14,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..anatomy import Trunk
+from ..files import write
 from ..geometry import Body, muscle_body, trunk_body
 from ..solution import Plan
 from ..statics import Shape
-from .files import write
 from .keyframes import Keyframes, at_steps
 
 PIECES = 40  # of the centerline in each segment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
 from ..errors import InputError
+from ..files import replacing
 from ..geometry import muscle_body
 from ..solution import Plan
 from . import style
@@ -56,12 +58,11 @@ def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list
     Raises
     ------
     InputError
-        If the plan has no time steps.
+        If the plan has no time steps, or a film cannot be written there.
     """
     folder = Path(folder)
     if not len(plan.x):
         raise InputError(f"{plan.motion.name}: the plan has no time steps, so there is no film.")
-    folder.mkdir(parents=True, exist_ok=True)
     moments = instants(plan, frame_times(plan))
     rate = max(1, round((len(moments) - 1) / (SLOWER * end_of(plan))))
     writers: list[tuple[AbstractMovieWriter, Path]] = [
@@ -69,10 +70,10 @@ def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list
     ]
     if shutil.which("ffmpeg"):
         writers.append((FFMpegWriter(fps=rate, bitrate=2500), folder / "film.mp4"))
-    with style.styled():
+    with contextlib.ExitStack() as files, style.styled():
         stage = Stage(plan, moments)
         for writer, path in writers:
-            writer.setup(stage.figure, str(path), DOTS)
+            writer.setup(stage.figure, str(files.enter_context(replacing(path))), DOTS)
         for number, moment in enumerate(moments, 1):
             stage.show(moment)
             for writer, _ in writers:

@@ -11,9 +11,12 @@ import matplotlib
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 from matplotlib.patches import Patch
 
 from ..anatomy import Muscle, Trunk
+from ..errors import TrunkError
+from ..files import replacing
 from ..motion import Motion
 
 NAMES = {
@@ -29,11 +32,12 @@ INK = "#222222"
 FAINT = "#8A8A8A"
 BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2))}
 
+FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
 WIDTH = 180.0  # mm, two columns
 LOOK: Any = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # ships with matplotlib: the same everywhere
+    "font.sans-serif": [FONT],
     "font.size": 7.0,
     "axes.titlesize": 7.5,
     "axes.labelsize": 7.0,
@@ -59,7 +63,18 @@ LOOK: Any = {
 
 
 def styled() -> AbstractContextManager[None]:
-    """Context in which figures get their look; the caller's own settings come back after it."""
+    """Context in which figures get their look; the caller's own settings come back after it.
+
+    Raises
+    ------
+    TrunkError
+        If matplotlib does not find the font that it brings along.
+    """
+    if FONT not in fontManager.get_font_names():
+        raise TrunkError(
+            f"matplotlib finds no font {FONT!r}, which is part of it, so there are no pictures; "
+            "install matplotlib again, or go without: solve-motion --no-figures."
+        )
     return matplotlib.rc_context(LOOK)
 
 
@@ -70,12 +85,12 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Write a figure in every format: the same picture gives the same bytes."""
-    folder.mkdir(parents=True, exist_ok=True)
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     paths = []
     for kind in formats:
         path = folder / f"{name}.{kind}"
-        figure.savefig(path, format=kind, metadata=undated.get(kind))
+        with replacing(path) as unfinished:
+            figure.savefig(unfinished, format=kind, metadata=undated.get(kind))
         paths.append(path)
     return paths
 

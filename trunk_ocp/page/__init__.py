@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import write
 from ..solution import Plan
 from .bundle import page
 from .payload import payload
@@ -30,15 +31,12 @@ def write_page(plans: Sequence[Plan], path: Path) -> Path:
     Raises
     ------
     InputError
-        If there are no plans or more than two, or one without a single time step.
+        If there are no plans or more than two, or one without a single time step; or if the
+        page cannot be written there.
     """
     if not 1 <= len(plans) <= 2:
         raise InputError(f"plans: expected one plan or two to compare, got {len(plans)}.")
     for plan in plans:
         if not len(plan.x):
             raise InputError(f"plans: the {plan.mode} plan has no time steps; nothing to show.")
-    path = Path(path)
-    text = page(payload(plans))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
-    return path
+    return write(path, page(payload(plans)))

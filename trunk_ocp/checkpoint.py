@@ -1,0 +1,312 @@
+"""Going on with a plan that was cut off: what was decided so far, on disk after every window.
+
+What the next window finds depends on the decided steps, the solution of the window before and the
+plan that a horizon starts from, and on nothing else. So a plan that is gone on with has the same
+bits as one that never stopped.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import time
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .collocation import Mesh
+from .errors import InputError
+from .files import write
+from .motion import Motion
+from .planner import Options, Pass, State
+from .provenance import fingerprint, plain, versions
+from .solution import Plan
+from .solver import Solve
+from .targets import Held
+
+FILE = "resume.npz"
+COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
+WORTH_LASTING = 1.0  # s of work that are worth the wait for a disk, lest a power cut take them
+SHOWN = 3  # changes told one by one
+
+
+@dataclass
+class Stage:
+    """A pass as far as it has come: how it was made, what it has decided, what it has cost.
+
+    previous : (H, muscles + 2), unknowns of the last window; None before the first.
+    failed : the solves that did not converge; records of the others are not kept.
+    """
+
+    mode: str
+    mesh: Mesh
+    state: State
+    previous: np.ndarray | None
+    counters: dict[str, float]
+    failed: list[Solve] = field(default_factory=list)
+
+
+class Checkpoint:
+    """A file that a plan is gone on with, if its process ends before it does.
+
+    Written whole after every window by `plan_motion`; remove it when the plan is saved. At every
+    moment the file is there, or its successor is beside it.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, such as `results/lift-log/horizon/resume.npz`.
+    resume : bool
+        Go on from what the file has; otherwise start anew and replace it.
+
+    Attributes
+    ----------
+    seconds : float
+        Wall time that the plan had taken before this process.
+    """
+
+    def __init__(self, path: str | Path, resume: bool = False) -> None:
+        self.path, self.resume = Path(path), resume
+        self.seconds = 0.0
+        self._newer = self.path.with_name(f"{self.path.stem}-newer{self.path.suffix}")
+        self._began = self._saved = time.perf_counter()
+        self._identity_json = b""
+        self._found: list[Stage] = []
+        self._stages: list[Stage] = []
+        self._failed = False
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is something to resume."""
+        return self._newer.exists() or self.path.exists()
+
+    def open(
+        self, motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
+    ) -> None:
+        """Begin a plan, from what the file has if it is to be resumed.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to resume, or if it is not of this very plan; names what changed.
+        """
+        self._began = time.perf_counter()
+        identity = _identity(motion, mode, lookahead, options, start)
+        self._identity_json = json.dumps(identity).encode()
+        self._found, self._stages = [], []
+        if not self.resume:
+            self.remove()
+            return
+        if not self.exists:
+            raise InputError(
+                f"{self.path}: there is nothing to resume; expected an unfinished run here. Run "
+                "without --resume to start anew."
+            )
+        newest = self._newer if self._newer.exists() else self.path
+        found, seconds, self._found = _read(newest)
+        changes = _changes(found, identity)
+        if changes:
+            raise InputError(
+                f"{self.path}: cannot be resumed, because {' and '.join(changes)}; expected the "
+                "same problem, anatomy, options and versions. Undo the change, or run without "
+                "--resume to start anew."
+            )
+        self.seconds = seconds
+
+    def enter(self, work: Pass) -> tuple[State, np.ndarray | None]:
+        """What the next pass has decided already, and the unknowns of its last window.
+
+        Raises
+        ------
+        InputError
+            If the file has another pass in its place.
+        """
+        number = len(self._stages)
+        stage = Stage(work.mode, work.mesh, State(), None, {})
+        if number < len(self._found):
+            stage = self._found[number]
+            if (stage.mode, stage.mesh) != (work.mode, work.mesh):
+                raise InputError(
+                    f"{self.path}: has other passes than this plan; expected those of an "
+                    "unfinished run of it. Run without --resume to start anew."
+                )
+            for name, value in stage.counters.items():
+                setattr(work.optimiser, name, value)
+            work.optimiser.solves[:] = stage.failed
+        self._stages.append(stage)
+        return stage.state, stage.previous
+
+    def save(self, work: Pass, previous: np.ndarray) -> None:
+        """Write what has been decided; if the disk is full, say so once and go on without."""
+        stage = self._stages[-1]
+        stage.previous = previous
+        stage.counters = {name: getattr(work.optimiser, name) for name in COUNTERS}
+        stage.failed = [solve for solve in work.optimiser.solves if not solve.converged]
+        progress = {
+            "seconds": self.seconds + time.perf_counter() - self._began,
+            "stages": [_described(stage) for stage in self._stages],
+        }
+        # Few members and one array: each costs time, and this is written after every window.
+        values = [array.ravel() for stage in self._stages for array in _arrays(stage).values()]
+        content = io.BytesIO()
+        np.savez(
+            content,
+            identity=np.frombuffer(self._identity_json, np.uint8),
+            progress=np.frombuffer(json.dumps(progress).encode(), np.uint8),
+            values=np.concatenate(values),
+        )
+        now = time.perf_counter()
+        lasting, self._saved = now - self._saved > WORTH_LASTING, now
+        try:
+            write(self._newer, content.getvalue(), lasting)
+            # Not by replacing, for which a file system may wait for its disk.
+            self.path.unlink(missing_ok=True)
+            self._newer.rename(self.path)
+        except (InputError, OSError) as error:
+            if not self._failed:
+                work.optimiser.reporter.note(f"Going on, but this could not be resumed: {error}")
+            self._failed = True
+
+    def remove(self) -> None:
+        """Remove the file: the plan is saved."""
+        for path in (self._newer, self.path):
+            path.unlink(missing_ok=True)
+
+
+def _identity(
+    motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
+) -> dict[str, Any]:
+    """What a plan depends on, as JSON has it."""
+    begun = None if start is None else fingerprint([start.x, start.shape.states, start.mesh])
+    return {
+        "problem": plain(motion.spec),
+        "anatomy": plain(motion.anatomy),
+        "problem_sha256": fingerprint(motion.spec),
+        "anatomy_sha256": fingerprint(motion.anatomy),
+        "options": asdict(options) | {"mode": mode, "lookahead": lookahead},
+        "versions": {name: told for name, told in versions().items() if name != "platform"},
+        "steps": fingerprint(motion.steps),
+        "start": begun,
+    }
+
+
+def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
+    """What differs between two identities, a clause each; empty if nothing does."""
+    named = {
+        "problem": "the problem",
+        "anatomy": "the anatomy",
+        "versions": "the version",
+        "options": "the options",
+    }
+    clauses = []
+    for part, name in named.items():
+        differences = list(_differences(old.get(part), new[part]))
+        if differences:
+            more = len(differences) - SHOWN
+            told = [*differences[:SHOWN], *([f"and {more} more"] if more > 0 else [])]
+            clauses.append(f"{name} changed ({', '.join(told)})")
+    if not clauses and old.get("steps") != new["steps"]:
+        clauses.append("the time steps changed")
+    if not clauses and old.get("start") != new["start"]:
+        clauses.append("the plan that it starts from changed")
+    return clauses
+
+
+def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
+    """`key: old -> new` for every entry that differs, entries of lists counted from one."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for name in sorted({*old, *new}):
+            yield from _differences(old.get(name), new.get(name), f"{key}.{name}".lstrip("."))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for number, pair in enumerate(zip(old, new, strict=True), 1):
+            yield from _differences(*pair, f"{key}[{number}]")
+    elif old != new:
+        yield f"{key}: {_short(old)} -> {_short(new)}"
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _described(stage: Stage) -> dict[str, Any]:
+    """What of a stage is no array, and the shapes of its arrays."""
+    return {
+        "mode": stage.mode,
+        "mesh": {"edges": stage.mesh.edges, "degree": stage.mesh.degree},
+        "held": [[held.step, held.Z, held.director] for held in stage.state.held],
+        "near": list(stage.state.near),
+        "converged": stage.state.converged,
+        "counters": stage.counters,
+        "failed": [asdict(solve) for solve in stage.failed],
+        "shapes": {name: array.shape for name, array in _arrays(stage).items()},
+    }
+
+
+def _arrays(stage: Stage) -> dict[str, np.ndarray]:
+    """Arrays of a stage that are not empty, by name."""
+    state = stage.state
+    lists = {
+        "x": state.x,
+        "tip_forces": state.tip_forces,
+        "states": state.states,
+        "held": list(state.held.values()),
+        "near": list(state.near.values()),
+    }
+    optional = {"auxiliary": state.auxiliary, "previous": stage.previous}
+    return {name: np.array(rows) for name, rows in lists.items() if rows} | {
+        name: array for name, array in optional.items() if array is not None
+    }
+
+
+def _read(path: Path) -> tuple[dict[str, Any], float, list[Stage]]:
+    """Identity, seconds spent and stages of a file.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    """
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
+            identity, progress = (json.loads(data[n].tobytes()) for n in ("identity", "progress"))
+            values = iter(data["values"])
+        stages = [_stage(told, values) for told in progress["stages"]]
+        seconds = float(progress["seconds"])
+    except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: cannot be read as an unfinished run ({error}); run without --resume to "
+            "start anew."
+        ) from None
+    return identity, seconds, stages
+
+
+def _stage(told: dict[str, Any], values: Iterator[float]) -> Stage:
+    """A stage, whose arrays are the next of all values."""
+    arrays = {
+        name: np.fromiter(values, float, math.prod(shape)).reshape(shape)
+        for name, shape in told["shapes"].items()
+    }
+    rows = {name: list(array) for name, array in arrays.items()}
+    held = [Held(step, Z, director) for step, Z, director in told["held"]]
+    return Stage(
+        told["mode"],
+        Mesh(tuple(told["mesh"]["edges"]), told["mesh"]["degree"]),
+        State(
+            x=rows["x"],
+            tip_forces=rows["tip_forces"],
+            states=rows["states"],
+            held=dict(zip(held, rows.get("held", []), strict=True)),
+            auxiliary=arrays.get("auxiliary"),
+            near=dict(zip(told["near"], rows.get("near", []), strict=True)),
+            converged=told["converged"],
+        ),
+        arrays.get("previous"),
+        told["counters"],
+        [Solve.restored(record) for record in told["failed"]],
+    )
