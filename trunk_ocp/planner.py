@@ -25,7 +25,7 @@ from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
 from .solver import CONVERGED, ROUGH, Optimiser, Outcome
-from .statics import Shape, shape_of_states, solve_statics
+from .statics import Shape, shape_of_states, solve_statics, unloaded_shape
 from .targets import Held
 from .transcription import Weights, Window
 
@@ -227,7 +227,8 @@ class Pass:
             if window.held:
                 shapes = self._shapes(x, _pulled(window, shapes))
         except StaticsError:  # a start need not be in equilibrium
-            shapes = self._shapes(x, [step.loads.scaled(0.0) for step in window.steps])
+            loads = [step.loads for step in window.steps]
+            shapes = unloaded_shape(self.motion.trunk, self.mesh, x, loads)
         return window.pack(x, shapes)
 
     def _shapes(self, x: np.ndarray, loads: list[Loads]) -> Shape:

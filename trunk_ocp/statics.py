@@ -236,6 +236,15 @@ def shape_of_states(
     return problem.shape(states, (len(x),))
 
 
+def unloaded_shape(
+    trunk: Trunk, mesh: Mesh, x: np.ndarray, loads: Sequence[Loads]
+) -> Shape:
+    """Shapes (H,) without loads in closed form, where no equation need be solved; x (H, ...)."""
+    none = [load.scaled(0.0) for load in loads]
+    problem = _Problem(trunk, mesh, x[:, :-2], x[:, -2:], none)
+    return problem.shape(problem.unloaded(), (len(x),))
+
+
 @dataclass(frozen=True)
 class _Problem:
     """A batch of B rods: activation (B, muscles), head (B, 2), one load each."""
