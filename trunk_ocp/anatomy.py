@@ -44,7 +44,11 @@ class MuscleSpec(Strict):
             raise ValueError("radii_over_length must satisfy 0 <= inner < outer")
         low, high = self.sector
         if not 0 <= low < high <= 2 * ROUNDED_PI:
-            raise ValueError("sector must satisfy 0 <= first < second <= 2 pi (radians)")
+            told = "sector must satisfy 0 <= first < second <= 2 pi, in radians"
+            if 0 <= low < high <= 360:
+                radians = f"[{math.radians(low):.4f}, {math.radians(high):.4f}]"
+                told += f"; these look like degrees: [{low:g}, {high:g}] would be {radians}"
+            raise ValueError(told)
         if (self.architecture == "helical") != (self.helix_deg != 0.0):
             raise ValueError("helix_deg is for helical muscles, and they need a non-zero one")
         if len(set(self.sides)) != len(self.sides):

@@ -106,6 +106,8 @@ def solve(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with _clean_errors():
         motion = load_motion(problem)
+        for warning in motion.warnings:
+            click.echo(f"warning: {warning}", err=True)
         folder = out or Path("results") / motion.name
         check_linear_solver(linear_solver)
         _check_writable(folder)
@@ -127,7 +129,7 @@ def solve(
             if film:
                 for plan in plans:
                     _film(plan, folder / plan_folder(plan), console)
-        console.print(f"Results are in {folder}/")
+        console.print(f"Results are in {folder}/", markup=False)
     if quiet:
         for plan in plans:
             if plan.status is not Status.SOLVED:
@@ -163,7 +165,7 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     with console.status("drawing figures; Ctrl-C leaves them out"):
         page = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
     if page is not None:
-        console.print(f"Turn it in a browser: {page}")
+        console.print(f"Turn it in a browser: {page}", markup=False)
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -184,7 +186,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
         )
     for path in paths:
-        console.print(f"Film: {path}")
+        console.print(f"Film: {path}", markup=False)
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from .problem_file import (
 )
 from .reading import is_file, read_toml, shipped
 from .statics import Shape, solve_statics
+from .suspicions import suspicions
 from .targets import Held, Target, check_earlier, phase_targets
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
@@ -88,6 +89,8 @@ class Motion:
     extension: tuple[float, float]
     box: Box
     """Bounds of the whole motion, that phases narrow."""
+    warnings: tuple[str, ...] = ()
+    """What looks like a slip in the files: legal, and planned, but worth a look."""
 
     def __repr__(self) -> str:
         return f"<Motion {self.name}: {len(self.steps)} steps of {self.trunk!r}>"
@@ -174,14 +177,16 @@ def load_motion(name_or_path: str | Path) -> Motion:
     path = shipped(str(name_or_path), problems_folder())
     spec = read_toml(path, ProblemSpec)
     beside = path.parent / spec.anatomy
+    beside = beside if is_file(beside) else Path(spec.anatomy)
     try:
-        anatomy = read_anatomy(beside if is_file(beside) else spec.anatomy)
+        anatomy = read_anatomy(beside)
     except InputError as error:
         raise InputError(f"{path}:\n  anatomy: {error}") from None
     try:
-        return build_motion(spec, anatomy)
+        motion = build_motion(spec, anatomy)
     except InputError as error:
         raise InputError(f"{path}:\n  {error}") from None
+    return replace(motion, warnings=suspicions(motion, path, beside))
 
 
 def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:

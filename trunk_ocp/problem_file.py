@@ -43,7 +43,11 @@ class TargetSpec(Strict):
     position: Vec3 | None = None
     path: Annotated[
         tuple[Vec3, ...] | None,
-        Field(min_length=2, max_length=MOST_CONTROLS, description="Bezier control points; followed over the phase (eq. 53)"),
+        Field(
+            min_length=2,
+            max_length=MOST_CONTROLS,
+            description="Bezier control points; followed over the phase (eq. 53)",
+        ),
     ] = None
     origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
     position_weight: NonNegative = 1.0

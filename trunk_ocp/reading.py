@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import json
+import os
 import tomllib
 import unicodedata
 from pathlib import Path
@@ -98,13 +99,13 @@ def read_bytes(path: Path, most: int) -> bytes:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: cannot be read (not a regular file).")
         with path.open("rb") as stream:
-            content = stream.read(most + 1)
+            size = os.fstat(stream.fileno()).st_size
+            if size > most:
+                raise InputError(f"{path}: is too large; expected at most {most:,} bytes.")
+            return stream.read(size)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}).") from None
-    if len(content) > most:
-        raise InputError(f"{path}: is too large; expected at most {most:,} bytes.")
-    return content
 
 
 def is_file(path: Path) -> bool:

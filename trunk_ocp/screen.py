@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.status import Status as Spinner
 from rich.table import Table
 
@@ -39,7 +40,7 @@ class Screen(Reporter):
     def __enter__(self) -> Screen:
         steps, muscles = len(self.motion.steps), len(self.motion.trunk.muscles)
         title = self.motion.spec.title or self.motion.name
-        self.console.print(f"[bold]{title}[/]: {steps} time steps, {muscles} muscles")
+        self.console.print(f"[bold]{escape(title)}[/]: {steps} time steps, {muscles} muscles")
         if self.console.is_terminal:
             self.spinner = self.console.status("setting up")
             self.spinner.start()
@@ -95,7 +96,7 @@ def step_table(plan: Plan) -> Table:
         table.add_row(
             str(t + 1),
             f"{step.time:.3f}",
-            motion.phases[step.phase].name,
+            escape(motion.phases[step.phase].name),
             _number(errors.position, np.max, 1e3, ".2f"),
             _number(errors.position, np.mean, 1e3, ".2f"),
             _number(errors.direction, np.max, 1.0, ".4f"),

@@ -166,7 +166,8 @@ def _loads(
 ) -> Loads:
     """Loads of step i of a phase, a pull along what earlier frames say."""
     g, spec = problem.get("gravity", 9.8), phase.get("loads", {})
-    tip = np.array(spec.get("tip_force", [0.0] * 3)) + [0, 0, spec.get("tip_mass", 0.0) * g]
+    tip = np.array(spec.get("tip_force", [0.0] * 3))
+    tip = tip + np.array([0.0, 0.0, spec.get("tip_mass", 0.0) * g])
     if "pull" in spec:
         pull = spec["pull"]
         share = i / phase.get("steps", 1) if pull.get("ramp", True) else 1.0

@@ -14,6 +14,7 @@ from trunk_ocp.motion import Motion, load_motion
 from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.reporting import Progress, Reporter
 from trunk_ocp.solution import Status
+from trunk_ocp.storage import load_plan
 
 from .answers import wrongs
 
@@ -68,8 +69,34 @@ def tried(path: Path, lookahead: int | None = None) -> Verdict:
         if verdict.reading > READING:
             verdict.faults.append(f"reading took {verdict.reading:.1f} s")
         verdict.faults += [f"warned in reading: {w.message}" for w in caught]
+        caught.clear()
         if verdict.outcome == "read":
             _plan(motion, path, lookahead, verdict)
+        # Only of our own code: what judges the answer may find it hard.
+        ours = [w for w in caught if "trunk_ocp" in w.filename]
+        verdict.faults += [f"warned: {w.message} ({w.filename}:{w.lineno})" for w in ours]
+    return verdict
+
+
+def restored(folder: Path) -> Verdict:
+    """Load a saved plan that may be damaged, and judge what it says."""
+    began = time.perf_counter()
+    verdict = Verdict("refused")
+    try:
+        plan = load_plan(folder)
+        verdict.outcome = plan.status.name.lower()
+        if plan.status is Status.SOLVED:
+            problem = plan.motion.spec.model_dump(mode="json", exclude_none=True)
+            verdict.faults += wrongs(problem, plan)
+            verdict.checked = True
+    except InputError as error:
+        verdict.message = str(error)
+        if "solution.nc" not in verdict.message:
+            verdict.faults.append(f"the message does not name the file: {error}")
+    except Exception:
+        verdict.outcome = "crashed"
+        verdict.faults.append(traceback.format_exc())
+    verdict.reading = time.perf_counter() - began
     return verdict
 
 
