@@ -395,9 +395,8 @@ def run(
     @given(cases(kinds))
     def one(case: Case) -> None:
         nonlocal checked, slowest
-        faulthandler.dump_traceback_later(PATIENCE, exit=True)
         verdict = case.judged(Path(folder))
-        faulthandler.cancel_dump_traceback_later()
+        faulthandler.dump_traceback_later(PATIENCE, exit=True)  # for the next case
         every[case.kind] += 1
         outcomes[verdict.outcome] += 1
         checked += verdict.checked
@@ -412,6 +411,7 @@ def run(
 
     with tempfile.TemporaryDirectory() as folder:
         one()
+    faulthandler.cancel_dump_traceback_later()
     return {
         "seed": number,
         "tried": every.total(),
