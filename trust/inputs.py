@@ -404,7 +404,9 @@ def run(
         files.pop("solution.nc", None)
         seconds = round(verdict.reading + verdict.planning, 2)
         slowest = sorted([*slowest, (seconds, verdict.outcome, files)], key=lambda s: -s[0])[:5]
-        faults.extend({"kind": case.kind, "fault": f, "files": files} for f in verdict.faults)
+        for fault in verdict.faults:
+            faults.append({"kind": case.kind, "fault": fault, "files": files})
+            progress(f"{case.kind}: {fault}")
         done = every.total()
         if done % 25 == 0:
             progress(f"{done}: {dict(outcomes)}, {checked} checked, {len(faults)} faults")
@@ -439,8 +441,6 @@ def main() -> None:
         options.json.write_text(json.dumps(report, indent=2) + "\n")
     print({key: value for key, value in report.items() if key not in ("faults", "slowest")})
     print("slowest:", [(case["seconds"], case["outcome"]) for case in report["slowest"]])
-    for fault in report["faults"][:10]:
-        print(fault["kind"], fault["fault"], sep=": ")
     sys.exit(1 if report["faults"] else 0)
 
 

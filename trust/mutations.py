@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 from hypothesis import strategies as st
@@ -24,11 +26,17 @@ HOSTILE: list[Any] = [
 Place = tuple[str | int, ...]
 
 
-def places(value: Any, path: Place = ()) -> list[Place]:
+MOST_PLACES = 5000
+"""That may be changed; a long list repeated twice has millions."""
+
+
+def places(value: Any, path: Place = ()) -> Iterator[Place]:
     """Paths of everything inside a table or list."""
     inner = value.items() if isinstance(value, dict) else []
     inner = enumerate(value) if isinstance(value, list) else inner
-    return [p for key, part in inner for p in ((*path, key), *places(part, (*path, key)))]
+    for key, part in inner:
+        yield (*path, key)
+        yield from places(part, (*path, key))
 
 
 def _changed(value: Any, how: str, draw: st.DrawFn) -> Any:
@@ -54,7 +62,7 @@ def mutated(draw: st.DrawFn, table: dict[str, Any]) -> dict[str, Any]:
     """A table with one to three changes anywhere."""
     result = copy.deepcopy(table)
     for _ in range(draw(st.integers(1, 3))):
-        every = places(result)
+        every = list(islice(places(result), MOST_PLACES))
         if not every:
             break
         *outer, last = draw(st.sampled_from(every))
