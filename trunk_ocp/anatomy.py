@@ -14,26 +14,27 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, model_validator
 
 from .errors import InputError
-from .reading import Strict, read_toml, shipped
+from .reading import NonNegative, Number, Pair, Positive, Strict, Text, read_toml, shipped
 
 Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
-Pair = tuple[float, float]
 
 ROUNDED_PI = 3.1416  # Table 1 prints pi with four decimals
+MOST_PARTS = 50
+"""Segments of a trunk, and muscle groups of a segment; each segment needs elements of its own."""
 
 
 class MuscleSpec(Strict):
     """One muscle group of a segment, as written in an anatomy file."""
 
-    group: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+    group: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=40)]
     architecture: Architecture
     radii_over_length: Pair
     sector: Pair
-    helix_deg: Annotated[float, Field(gt=-90, lt=90)] = 0.0
+    helix_deg: Annotated[Number, Field(gt=-90, lt=90)] = 0.0
     sides: Annotated[tuple[Side, ...], Field(min_length=1, max_length=2)] = ("R", "L")
 
     @model_validator(mode="after")
@@ -43,7 +44,11 @@ class MuscleSpec(Strict):
             raise ValueError("radii_over_length must satisfy 0 <= inner < outer")
         low, high = self.sector
         if not 0 <= low < high <= 2 * ROUNDED_PI:
-            raise ValueError("sector must satisfy 0 <= first < second <= 2 pi (radians)")
+            told = "sector must satisfy 0 <= first < second <= 2 pi, in radians"
+            if 0 <= low < high <= 360:
+                radians = f"[{math.radians(low):.4f}, {math.radians(high):.4f}]"
+                told += f"; these look like degrees: [{low:g}, {high:g}] would be {radians}"
+            raise ValueError(told)
         if (self.architecture == "helical") != (self.helix_deg != 0.0):
             raise ValueError("helix_deg is for helical muscles, and they need a non-zero one")
         if len(set(self.sides)) != len(self.sides):
@@ -55,15 +60,15 @@ class SegmentSpec(Strict):
     """A stretch of the trunk with its own muscles."""
 
     Z_over_length: Pair
-    muscles: tuple[MuscleSpec, ...] = ()
+    muscles: Annotated[tuple[MuscleSpec, ...], Field(max_length=MOST_PARTS)] = ()
 
 
 class MaterialSpec(Strict):
     """Homogeneous, isotropic tissue."""
 
-    youngs_modulus: PositiveFloat
-    poisson_ratio: Annotated[float, Field(gt=-1, le=0.5)]
-    density: Annotated[float, Field(ge=0)]
+    youngs_modulus: Positive
+    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5)]
+    density: NonNegative
 
 
 class HeadSpec(Strict):
@@ -72,22 +77,22 @@ class HeadSpec(Strict):
     The default is a clamp along +Z that turns about the base itself.
     """
 
-    pivot_radius: Annotated[float, Field(ge=0)] = 0.0
-    xi_z_deg: float = 0.0
-    xi_y_deg: float = 0.0
-    xi_d_deg: float = 0.0
+    pivot_radius: NonNegative = 0.0
+    xi_z_deg: Number = 0.0
+    xi_y_deg: Number = 0.0
+    xi_d_deg: Number = 0.0
 
 
 class AnatomySpec(Strict):
     """A whole anatomy file."""
 
-    name: str
-    length: PositiveFloat
-    base_radius_over_length: PositiveFloat
-    taper_deg: Annotated[float, Field(ge=0, lt=90)] = 0.0
+    name: Text
+    length: Positive
+    base_radius_over_length: Positive
+    taper_deg: Annotated[Number, Field(ge=0, lt=90)] = 0.0
     material: MaterialSpec
     head: HeadSpec = HeadSpec()
-    segments: Annotated[tuple[SegmentSpec, ...], Field(min_length=1)]
+    segments: Annotated[tuple[SegmentSpec, ...], Field(min_length=1, max_length=MOST_PARTS)]
 
     @model_validator(mode="after")
     def _consistent(self) -> AnatomySpec:

@@ -122,6 +122,8 @@ def solve(
     command = json.loads(json.dumps(context.params, default=str))
     with Interrupts() as interrupts, _clean_errors():
         motion = load_motion(problem)
+        for warning in motion.warnings:
+            click.echo(f"warning: {warning}", err=True)
         folder = out or Path("results") / motion.name
         check_linear_solver(linear_solver)
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)

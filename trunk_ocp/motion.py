@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
-from .errors import InputError
+from .errors import InputError, StaticsError
 from .loads import Loads, Vector, vector
 from .problem_file import (
     ChangeSpec,
@@ -20,8 +20,9 @@ from .problem_file import (
     PhaseSpec,
     ProblemSpec,
 )
-from .reading import read_toml, shipped
-from .statics import solve_statics
+from .reading import is_file, read_toml, shipped
+from .statics import Shape, solve_statics
+from .suspicions import suspicions
 from .targets import Held, Target, check_earlier, phase_targets
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
@@ -93,6 +94,8 @@ class Motion:
     extension: tuple[float, float]
     box: Box
     """Bounds of the whole motion, that phases narrow."""
+    warnings: tuple[str, ...] = ()
+    """What looks like a slip in the files: legal, and planned, but worth a look."""
 
     def __repr__(self) -> str:
         return f"<Motion {self.name}: {len(self.steps)} steps of {self.trunk!r}>"
@@ -155,12 +158,10 @@ def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
     deviation, head = step.auxiliary.activation_deviation, step.auxiliary.head_deviation
     lower, upper = step.box.lower.copy(), step.box.upper.copy()
     if math.isfinite(deviation):
-        lower[:-2] = np.maximum(motion.box.lower[:-2], near[:-2] - deviation)
-        upper[:-2] = np.minimum(motion.box.upper[:-2], near[:-2] + deviation)
-    lower[-2:] = np.maximum(lower[-2:], near[-2:] - head)
-    upper[-2:] = np.minimum(upper[-2:], near[-2:] + head)
-    # An optimiser may leave bounds by a rounding error, and what is near then lies outside.
-    return Box(np.minimum(lower, upper), upper)
+        lower[:-2], upper[:-2] = motion.box.lower[:-2], motion.box.upper[:-2]
+    reach = np.append(np.full(near.size - 2, deviation), [head, head])
+    near = np.clip(near, lower, upper)  # Ipopt may end a trifle beyond
+    return Box(np.maximum(lower, near - reach), np.minimum(upper, near + reach))
 
 
 def problems_folder() -> Path:
@@ -181,14 +182,16 @@ def load_motion(name_or_path: str | Path) -> Motion:
     path = shipped(str(name_or_path), problems_folder())
     spec = read_toml(path, ProblemSpec)
     beside = path.parent / spec.anatomy
+    beside = beside if is_file(beside) else Path(spec.anatomy)
     try:
-        anatomy = read_anatomy(beside if beside.is_file() else spec.anatomy)
+        anatomy = read_anatomy(beside)
     except InputError as error:
         raise InputError(f"{path}:\n  anatomy: {error}") from None
     try:
-        return build_motion(spec, anatomy)
+        motion = build_motion(spec, anatomy)
     except InputError as error:
         raise InputError(f"{path}:\n  {error}") from None
+    return replace(motion, warnings=suspicions(motion, path, beside))
 
 
 def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
@@ -205,7 +208,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     if any(
         part.origin == "passive-tip" for p in spec.phases for part in (*p.targets, p.wrap) if part
     ):
-        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(spec.gravity))
+        rest = _passive(trunk, spec.gravity)
         passive_tip = rest.position(np.array([trunk.length]))[0]
     origins = {"base": np.zeros(3), "passive-tip": passive_tip}
     whole = _box(trunk, spec.bounds, None, "bounds")
@@ -234,6 +237,18 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         phases.append(Phase(phase.name, start, phase.interpolation))
     _one_contact(steps)
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
+
+
+def _passive(trunk: Trunk, gravity: float) -> Shape:
+    """Shape of the trunk at rest under its own weight."""
+    try:
+        return solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
+    except StaticsError as error:
+        raise InputError(
+            'origin = "passive-tip": the passive trunk does not hold its own weight '
+            f"({error}) Expected a youngs_modulus in Pa, a density in kg/m^3 and a gravity in "
+            'm/s^2 that fit together; or measure from origin = "base".'
+        ) from None
 
 
 def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:

@@ -27,7 +27,7 @@ from .reporting import Reporter
 from .rod import STATES
 from .solution import Plan, loads_of
 from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome, rank
-from .statics import Shape, shape_of_states, solve_statics
+from .statics import Shape, shape_of_states, solve_statics, unloaded_shape
 from .targets import Held
 from .threads import one_thread
 from .transcription import Weights, Window
@@ -39,6 +39,8 @@ GAUSS_POINTS = 24
 """Along the trunk; with fewer, the shipped motions come near the check's limit."""
 REFINEMENTS = 2
 """How often the mesh is halved where the independent check finds it too coarse."""
+ROUGH_ITERATIONS = 200
+"""Most iterations of a step of a plan that only starts a horizon; the shipped motions take 60."""
 RANDOM = 0.4
 """Largest activation of a random start, as a share of its lower bound."""
 
@@ -129,7 +131,8 @@ def plan_motion(
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
-    rough = Optimiser(options.linear_solver, options.max_iterations, reporter, ROUGH)
+    few = min(options.max_iterations, ROUGH_ITERATIONS)
+    rough = Optimiser(options.linear_solver, few, reporter, ROUGH)
     mesh = first_mesh(motion, options)
     given = start  # its own cost counts as well
     if checkpoint is not None:
@@ -264,7 +267,8 @@ class Pass:
             if window.held:
                 shapes = self._shapes(x, _pulled(window, shapes))
         except StaticsError:  # a start need not be in equilibrium
-            shapes = self._shapes(x, [step.loads.scaled(0.0) for step in window.steps])
+            loads = [step.loads for step in window.steps]
+            shapes = unloaded_shape(self.motion.trunk, self.mesh, x, loads)
         return window.pack(x, shapes)
 
     def _shapes(self, x: np.ndarray, loads: list[Loads]) -> Shape:

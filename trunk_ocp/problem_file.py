@@ -9,15 +9,22 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
-from .reading import Strict
+from .reading import NonNegative, Number, Pair, Positive, Strict, Text
 
-Vec3 = tuple[float, float, float]
+Vec3 = tuple[Number, Number, Number]
 Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
-NonNegative = Annotated[float, Field(ge=0)]
-Pair = tuple[float, float]
+
+MOST_STEPS = 1000
+"""Of a motion; all are one programme, which takes minutes and gigabytes beyond."""
+MOST_POINTS = 100
+"""Of a wrap, and targets of a phase: a trunk has no more places than that to steer."""
+MOST_CONTROLS = 50
+"""Control points of a curve; the powers of more are beyond the digits of a number."""
+MOST_ENTRIES = 1000
+"""Of any other list."""
 
 
 class HeldSpec(Strict):
@@ -36,7 +43,11 @@ class TargetSpec(Strict):
     position: Vec3 | None = None
     path: Annotated[
         tuple[Vec3, ...] | None,
-        Field(min_length=2, description="Bezier control points; followed over the phase (eq. 53)"),
+        Field(
+            min_length=2,
+            max_length=MOST_CONTROLS,
+            description="Bezier control points; followed over the phase (eq. 53)",
+        ),
     ] = None
     origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
     position_weight: NonNegative = 1.0
@@ -63,11 +74,11 @@ class WrapSpec(Strict):
     """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
 
     Z: Annotated[Pair, Field(description="first and last point of the trunk that wraps, m")]
-    points: Annotated[int, Field(ge=2)] = 6
-    log_radius: PositiveFloat
+    points: Annotated[int, Field(ge=2, le=MOST_POINTS)] = 6
+    log_radius: Positive
     angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
     center: Vec3 | None = None
-    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2)] = None
+    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MOST_CONTROLS)] = None
     origin: Origin = "base"
     position_weights: tuple[NonNegative, ...]
     d3_weights: tuple[NonNegative, ...]
@@ -88,7 +99,7 @@ class WrapSpec(Strict):
 class PullSpec(Strict):
     """A tip force along a director that an earlier step reached (eq. 44)."""
 
-    force: Annotated[float, Field(description="N, at the last step of the phase")]
+    force: Annotated[Number, Field(description="N, at the last step of the phase")]
     along: Literal["d1", "d2", "d3"] = "d3"
     held_from_step: PositiveInt
     ramp: Annotated[bool, Field(description="grow in equal parts over the phase's steps")] = True
@@ -98,11 +109,11 @@ class LogSpec(Strict):
     """A cylinder that the trunk carries (eqs. 12, 13, 54)."""
 
     contact_from: Annotated[NonNegative, Field(description="Z_w in m")]
-    radius: PositiveFloat
-    length: PositiveFloat
-    density: PositiveFloat
+    radius: Positive
+    length: Positive
+    density: Positive
     offset: Annotated[
-        float, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")
+        Number, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")
     ] = 0.0
 
 
@@ -133,7 +144,10 @@ class LimitsSpec(Strict):
     activation: Pair | None = None
     muscles: Annotated[
         dict[str, Pair],
-        Field(description="by name or pattern (R1-dl, *3-dl, L*); later ones prevail"),
+        Field(
+            description="by name or pattern (R1-dl, *3-dl, L*); later ones prevail",
+            max_length=MOST_ENTRIES,
+        ),
     ] = Field(default_factory=dict)
     head_z_deg: Pair | None = None
     head_y_deg: Pair | None = None
@@ -200,15 +214,15 @@ class AuxiliarySpec(Strict):
 class PhaseSpec(Strict):
     """A stretch of the motion with one kind of target, load and bound."""
 
-    name: str
-    duration: PositiveFloat
-    steps: PositiveInt = 1
+    name: Text
+    duration: Positive
+    steps: Annotated[PositiveInt, Field(le=MOST_STEPS)] = 1
     interpolation: Interpolation = "cosine"
-    targets: tuple[TargetSpec, ...] = ()
+    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MOST_POINTS)] = ()
     wrap: WrapSpec | None = None
     loads: LoadsSpec = LoadsSpec()
     bounds: LimitsSpec = LimitsSpec()
-    change: tuple[ChangeSpec, ...] = ()
+    change: Annotated[tuple[ChangeSpec, ...], Field(max_length=MOST_ENTRIES)] = ()
     auxiliary: AuxiliarySpec | None = None
 
     @model_validator(mode="after")
@@ -227,22 +241,32 @@ class PhaseSpec(Strict):
 class ToleranceSpec(Strict):
     """When a target counts as reached; a motion that misses one is not called solved."""
 
-    position: Annotated[PositiveFloat, Field(description="m")] = 0.02
-    direction: Annotated[PositiveFloat, Field(description="length of a director's error")] = 0.05
+    position: Annotated[Positive, Field(description="m")] = 0.02
+    direction: Annotated[Positive, Field(description="length of a director's error")] = 0.05
 
 
 class ProblemSpec(Strict):
     """A whole problem file."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-    title: str = ""
-    anatomy: Annotated[str, Field(description="shipped name, or a path from this file")] = (
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
+    title: Text = ""
+    anatomy: Annotated[Text, Field(description="shipped name, or a path from this file")] = (
         "asian-elephant"
     )
-    gravity: float = 9.8
+    gravity: Number = 9.8
     bounds: BoundsSpec
     tolerance: ToleranceSpec = ToleranceSpec()
-    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1)]
+    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1, max_length=MOST_STEPS)]
+
+    @model_validator(mode="after")
+    def _planned_together(self) -> ProblemSpec:
+        count = sum(phase.steps for phase in self.phases)
+        if count > MOST_STEPS:
+            raise ValueError(
+                f"phases have {count} steps together; expected at most {MOST_STEPS}, which are "
+                "planned as one programme. Split the motion into files"
+            )
+        return self
 
 
 def problem_schema() -> dict[str, Any]:

@@ -1,17 +1,52 @@
-"""Validated reading of TOML files: errors name file, key, value and what was expected."""
+"""Validated reading of TOML files: errors name file, key, value and what was expected.
+
+A file is data from anywhere: whatever is in it, reading ends soon, and either with a value
+or with an `InputError`.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import difflib
 import json
+import os
 import tomllib
+import unicodedata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from .errors import InputError
+
+LARGEST_FILE = 300_000
+"""Bytes; a hundred times a shipped file, and still read in a fraction of a second."""
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Sizes of a number other than 0; powers and products of such numbers stay far from overflow."""
+MOST_FAULTS = 20
+"""Faults of one file that are told."""
+LONGEST_WORD = 60
+"""Characters of a value that are shown, and of a key that may be a misspelt one."""
+
+
+def _sized(value: float) -> float:
+    if value and not SMALLEST <= abs(value) <= LARGEST:
+        raise ValueError(f"expected 0 or a size from {SMALLEST:g} to {LARGEST:g}, in SI units")
+    return value
+
+
+def _printable(text: str) -> str:
+    """A text without what a terminal would obey rather than show."""
+    if any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") for c in text):
+        raise ValueError("expected a line of text without control characters")
+    return text
+
+
+Number = Annotated[float, AfterValidator(_sized)]
+Positive = Annotated[float, Field(gt=0), AfterValidator(_sized)]
+NonNegative = Annotated[float, Field(ge=0), AfterValidator(_sized)]
+Pair = tuple[Number, Number]
+Text = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 
 
 class Strict(BaseModel):
@@ -30,22 +65,55 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     ------
     InputError
         If the file cannot be read, is not TOML, or does not fit `model`; the message
-        lists every fault at once.
+        lists its faults at once.
     """
     try:
-        with path.open("rb") as stream:
-            data = tomllib.load(stream)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        content = read_bytes(path, LARGEST_FILE)
+        data = tomllib.loads(content.decode("utf-8-sig"))
+        # Through JSON, whose strict mode takes arrays as tuples but never "1.75" as a number.
+        text = json.dumps(data, default=str)
+    except RecursionError:
+        raise InputError(f"{path}: is nested too deeply; expected a few levels.") from None
+    except ValueError as error:  # of TOML, of the encoding, of numbers of thousands of digits
         raise InputError(f"{path}: is not valid TOML: {error}.") from None
     try:
-        # Through JSON, whose strict mode takes arrays as tuples but never "1.75" as a number.
-        return model.model_validate_json(json.dumps(data, default=str))
+        return model.model_validate_json(text)
     except ValidationError as error:
-        told = _telling(error.errors(), data)
-        faults = "\n".join(f"  {_describe(fault, model)}" for fault in told)
-        raise InputError(f"{path}:\n{faults}") from None
+        faults = error.errors()
+        told = _telling(faults[: 10 * MOST_FAULTS], data)[:MOST_FAULTS]
+        lines = [f"  {_describe(fault, model)}" for fault in told]
+        if len(faults) > 10 * MOST_FAULTS:
+            lines.append("  and many more.")
+        raise InputError("\n".join([f"{path}:", *lines])) from None
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Content of a regular file of at most `most` bytes.
+
+    Raises
+    ------
+    InputError
+        For anything else: a missing file, a folder, a pipe or a device, which may have no end.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be read (not a regular file).")
+        with path.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size > most:
+                raise InputError(f"{path}: is too large; expected at most {most:,} bytes.")
+            return stream.read(size)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({reason}).") from None
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file; False for names that no file can have."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def shipped(name_or_path: str, folder: Path) -> Path:
@@ -56,15 +124,14 @@ def shipped(name_or_path: str, folder: Path) -> Path:
     InputError
         If there is neither; names the shipped ones and the closest match.
     """
-    packaged = folder / f"{name_or_path}.toml"
-    if packaged.is_file():
-        return packaged
-    path = Path(name_or_path)
-    if path.is_file():
-        return path
     names = sorted(entry.stem for entry in folder.glob("*.toml"))
+    if name_or_path in names:
+        return folder / f"{name_or_path}.toml"
+    path = Path(name_or_path)
+    if is_file(path):
+        return path
     raise InputError(
-        f"{name_or_path}: neither a file nor a shipped name; "
+        f"{_clean(name_or_path)}: neither a file nor a shipped name; "
         f"expected a path to a TOML file or one of {', '.join(names)}."
         f"{_suggestion(name_or_path, names)}"
     )
@@ -121,8 +188,13 @@ def _dotted(location: tuple[str | int, ...]) -> str:
     """`("phases", 0, "loads")` as `phases[1].loads`, entries counted from one as a reader does."""
     text = ""
     for part in location:
-        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}"
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{_clean(part)}"
     return text.lstrip(".")
+
+
+def _clean(word: str) -> str:
+    """A word of the file as it can be shown: of one line, no longer than a reader wants."""
+    return word if word.isprintable() and len(word) <= 4 * LONGEST_WORD else _short(word)
 
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
@@ -145,10 +217,13 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1)
+    close = difflib.get_close_matches(word[:LONGEST_WORD], known, n=1)
     return f" Did you mean {close[0]}?" if close else ""
 
 
 def _short(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 200:
+        return "a number of more than 60 digits"  # Python may refuse to write it
+    value = value[: LONGEST_WORD + 1] if isinstance(value, str | list | tuple) else value
     text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text) <= LONGEST_WORD else text[: LONGEST_WORD - 3] + "..."

@@ -106,7 +106,7 @@ def step_table(plan: Plan) -> Table:
         table.add_row(
             str(t + 1),
             f"{step.time:.3f}",
-            motion.phases[step.phase].name,
+            escape(motion.phases[step.phase].name),
             _number(errors.position, np.max, 1e3, ".2f"),
             _number(errors.position, np.mean, 1e3, ".2f"),
             _number(errors.direction, np.max, 1.0, ".4f"),

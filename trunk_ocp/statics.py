@@ -134,7 +134,7 @@ def solve_statics(
     activation = np.broadcast_to(activation, (*batch, activation.shape[-1]))
     head = np.broadcast_to(head, (*batch, 2))
     if mesh is not None:
-        _check_mesh(mesh, trunk, every)
+        check_mesh(mesh, trunk, every)
         return _solve_on(mesh, trunk, activation, head, every)
     for elements in MESHES:
         shape = _solve_on(
@@ -216,9 +216,12 @@ def _batch(activation: tuple[int, ...], head: tuple[int, ...], loads: int) -> tu
     return batch
 
 
-def _check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
+def check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
+    """Raise InputError unless a mesh covers the trunk, with an edge on every jump."""
     jumps = {*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None}
-    if not jumps <= {*mesh.edges} or (mesh.edges[0], mesh.edges[-1]) != (0.0, trunk.length):
+    ends = (mesh.edges[0], mesh.edges[-1])
+    grows = bool(np.all(mesh.widths > 0))
+    if not grows or ends != (0.0, trunk.length) or not jumps <= {*mesh.edges}:
         raise InputError(
             f"mesh: expected edges from 0 to {trunk.length:g} m, with one on every segment end and "
             "start of contact; mesh_for makes such a mesh."
@@ -234,6 +237,13 @@ def shape_of_states(
     """
     problem = _Problem(trunk, mesh, x[:, :-2], x[:, -2:], list(loads))
     return problem.shape(states, (len(x),))
+
+
+def unloaded_shape(trunk: Trunk, mesh: Mesh, x: np.ndarray, loads: Sequence[Loads]) -> Shape:
+    """Shapes (H,) without loads in closed form, where no equation need be solved; x (H, ...)."""
+    none = [load.scaled(0.0) for load in loads]
+    problem = _Problem(trunk, mesh, x[:, :-2], x[:, -2:], none)
+    return problem.shape(problem.unloaded(), (len(x),))
 
 
 @dataclass(frozen=True)

@@ -22,18 +22,23 @@ import xarray as xr
 from .anatomy import AnatomySpec
 from .collocation import Mesh
 from .diagnosis import Diagnosis
-from .errors import InputError, TrunkError
+from .errors import InputError
 from .files import replacing, write
 from .motion import build_motion
 from .problem_file import ProblemSpec
 from .provenance import fingerprint
+from .reading import read_bytes
+from .rod import STATES
 from .solution import Plan, Status, loads_of
 from .solver import Solve
-from .statics import shape_of_states
+from .statics import check_mesh, shape_of_states
 from .threads import one_thread
 from .transcription import Weights
 
 POINTS = 101
+LARGEST_FILE = 1_000_000_000
+"""Bytes; ten times a plan of as many steps as a motion may have."""
+MODES = ("sequential", "horizon", "receding")
 
 
 @one_thread()
@@ -76,8 +81,9 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     """
     path = Path(folder) / "solution.nc"
     try:
-        plan = _restore(xr.load_dataset(io.BytesIO(path.read_bytes()), engine="scipy"))
-    except (OSError, LookupError, ValueError, TypeError, TrunkError) as error:
+        content = read_bytes(path, LARGEST_FILE)
+        plan = _restore(xr.load_dataset(io.BytesIO(content), engine="scipy"))
+    except Exception as error:  # a damaged file breaks its readers in ways of their own
         raise InputError(
             f"{path}: cannot be read as a plan ({error}); expected a file written by solve-motion."
         ) from None
@@ -85,23 +91,39 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
 
 
 def _restore(data: xr.Dataset) -> Plan:
-    """The plan that `dataset` turned into labelled arrays."""
+    """The plan that `dataset` turned into labelled arrays.
+
+    The file may claim anything: shapes and labels must fit its problem. Whether its numbers
+    solve it is no claim of the file; `Plan.status` finds out.
+    """
     attributes = data.attrs
     motion = build_motion(
         ProblemSpec.model_validate_json(attributes["problem_json"]),
         AnatomySpec.model_validate_json(attributes["anatomy_json"]),
     )
-    count = len(motion.trunk.muscles)
-    activation = data["activation"].values if count else np.zeros((data.sizes["time"], 0))
-    x = np.hstack([activation, data["head"].values])
-    states = data["state"].values
-    mesh = Mesh(tuple(data["edge"].values.tolist()), states.shape[2] - 1)
+    muscles = motion.trunk.muscles
+    planned = data.sizes["time"]
+    if planned > len(motion.steps) or (muscles and tuple(data["muscle"].values) != muscles):
+        raise InputError("its time steps or muscles are not those of its problem")
+    x = _unknowns(data, "", planned, len(muscles))
+    states = _numbers(data, "state", planned, None, None, STATES)
+    edges = _numbers(data, "edge", states.shape[1] + 1)
+    mesh = Mesh(tuple(edges.tolist()), states.shape[2] - 1)
     near: dict[int, np.ndarray] = {}
     if "near_step" in data:
-        rows = np.hstack([data["near_activation"].values, data["near_head"].values])
-        near = dict(zip((data["near_step"].values - 1).tolist(), rows, strict=True))
-    tip_forces = data["tip_force"].values
+        numbers = (data["near_step"].values - 1).tolist()
+        if not set(numbers) <= set(range(planned)):
+            raise InputError("near_step: expected numbers of planned time steps")
+        rows = _unknowns(data, "near_", len(numbers), len(muscles))
+        near = dict(zip(map(int, numbers), rows, strict=True))
+    tip_forces = _numbers(data, "tip_force", planned, 3)
     loads = loads_of(motion, tip_forces)
+    check_mesh(mesh, motion.trunk, loads)
+    notes = json.loads(attributes["notes_json"])
+    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise InputError("notes_json: expected a list of sentences")
+    if attributes["plan_mode"] not in MODES or not attributes["lookahead"] >= 1:
+        raise InputError("plan_mode, lookahead: expected those of a plan")
     return Plan(
         motion=motion,
         x=x,
@@ -118,11 +140,30 @@ def _restore(data: xr.Dataset) -> Plan:
         solve_seconds=float(attributes["seconds_solve"]),
         derivative_seconds=float(attributes["seconds_derivatives"]),
         total_seconds=float(attributes["seconds_total"]),
-        notes=tuple(json.loads(attributes["notes_json"])),
+        notes=tuple(notes),
         solves=tuple(Solve.restored(record) for record in json.loads(attributes["solves_json"])),
         versions=json.loads(attributes.get("versions_json", "{}")),
         options=json.loads(attributes.get("options_json", "{}")),
     )
+
+
+def _unknowns(data: xr.Dataset, prefix: str, rows: int, muscles: int) -> np.ndarray:
+    """Activations and head angles (rows, muscles + 2)."""
+    activation = np.zeros((rows, 0))
+    if muscles:  # an array of length 0 is left out of the file
+        activation = _numbers(data, f"{prefix}activation", rows, muscles)
+    return np.hstack([activation, _numbers(data, f"{prefix}head", rows, 2)])
+
+
+def _numbers(data: xr.Dataset, name: str, *shape: int | None) -> np.ndarray:
+    """An array of real numbers of a shape, of which None fits any length."""
+    values = data[name].values
+    fits = values.ndim == len(shape) and all(
+        n in (None, size) for n, size in zip(shape, values.shape, strict=True)
+    )
+    if not fits or values.dtype.kind != "f":
+        raise InputError(f"{name}: expected numbers of shape {shape}, got {values.shape}")
+    return np.asarray(values, dtype=float)
 
 
 def summary(plan: Plan) -> dict[str, Any]:

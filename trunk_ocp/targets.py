@@ -132,8 +132,11 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
     if not 0 <= Z <= trunk.length:
+        units = (("cm", 1e-2), ("mm", 1e-3))
+        fits = (f" Is it in {u}? Write {f * Z:g}." for u, f in units if 0 < f * Z <= trunk.length)
         raise InputError(
             f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
+            f"{next(fits, '') if Z > 5 * trunk.length else ''}"
         )
 
 
