@@ -16,6 +16,7 @@ from rich.table import Table
 from .anatomy import Trunk
 from .motion import Motion
 from .redundancy import Redundancy
+from .redundancy.bands import AT_REST
 from .redundancy.report import cost, largest
 from .reporting import Progress, Reporter
 from .solution import Plan
@@ -158,8 +159,9 @@ def redundancy_table(found: Redundancy) -> Table:
     plan, free = found.plan, found.freedom
     table = Table(
         title=f"{plan.motion.name}, {plan.mode}: the same motion by other muscles",
-        caption="range: its width, at the steps where it is narrowest and widest; at least: what\n"
-        "the muscle must do at some step; most: its largest activation in each version",
+        caption="range: width at the steps where it is least and most\n"
+        "at least: what the muscle must do at some step\n"
+        "most: largest activation of each version",
         box=SIMPLE_HEAD,
         padding=0,
         pad_edge=False,
@@ -169,14 +171,18 @@ def redundancy_table(found: Redundancy) -> Table:
     needs = {need.muscles: need for need in found.needs}
     asked = ("cost\nwithout", "worst\nmm") if needs else ()
     for name in ("narrow\nrange", "wide\nrange", "at\nleast", "plan\nmost", "effort\nmost",
-                 "peak\nmost", "fewest\nmost", *asked):  # fmt: skip
+                 "fewest\nmost", *asked):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
     peaks = [
         largest(found.versions[version]) for version in ("plan", "least effort", "fewest muscles")
     ]
     for i, (name, kind) in enumerate(zip(plan.motion.trunk.muscles, free.kinds, strict=True)):
         width, least = free.width[:, i], free.least_work[:, i].max()
-        cells = [f"{width.min():.3f}", f"{width.max():.3f}", f"{least:.4f}" if least else "-"]
+        cells = [
+            f"{width.min():.3f}",
+            f"{width.max():.3f}",
+            f"{least:.3g}" if least > AT_REST else "-",
+        ]
         cells += [f"{peak[i]:.3f}" if peak[i] > 0 else "-" for peak in peaks]
         if (name,) in needs:
             need = needs[name,]

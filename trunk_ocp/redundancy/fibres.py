@@ -22,7 +22,8 @@ from ..errors import InputError
 from ..motion import allowed
 from ..solution import Plan
 
-ACCURACY = 1e-9  # of the linear programmes, in activations and in scaled strains
+ACCURACY = 1e-9  # of the linear programmes, in activations
+ROUND_OFF = 1e-10  # of the strongest effect on strains, that counts as none
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,8 @@ class Fibre:
     ----------
     steps, muscles : (steps,), (muscles,)
         Indices into the plan's activations.
-    matrix : (4, muscles)
-        Strain rows, each divided by its largest entry.
+    matrix : (rank, muscles)
+        Orthonormal rows that fix the strains of one step; of rank 4, as a rule.
     difference : (n, n)
         Change from the step before; the first step's is z itself, the change from rest.
     bounded : (k,)
@@ -57,7 +58,7 @@ class Fibre:
 
     @cached_property
     def strain(self) -> sp.csr_array:
-        """Scaled strains of all steps, (4 * steps, n)."""
+        """Rows that fix the strains of all steps, (rank * steps, n)."""
         return sp.csr_array(sp.block_diag([self.matrix] * len(self.steps)))
 
     @cached_property
@@ -126,13 +127,13 @@ def chains(fibre: Fibre) -> list[Fibre]:
 
 def _cut(fibre: Fibre, first: int, last: int) -> Fibre:
     """Steps first to last - 1 of a set, if no bound on change joins them to the others."""
-    size = len(fibre.muscles)
+    rank, size = fibre.matrix.shape
     a, b = first * size, last * size
     inside = (fibre.bounded >= a) & (fibre.bounded < b)
     return replace(
         fibre,
         steps=fibre.steps[first:last],
-        target=fibre.target[4 * first : 4 * last],
+        target=fibre.target[rank * first : rank * last],
         difference=fibre.difference[a:b, a:b],
         bounded=fibre.bounded[inside] - a,
         least=fibre.least[inside],
@@ -146,9 +147,7 @@ def _fibre(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Fibre:
     motion = plan.motion
     trunk = motion.trunk
     muscles = np.flatnonzero([muscle.segment == segment for muscle in trunk.subdomains])
-    A = strain_matrix(trunk)[segment][:, muscles]
-    size = np.abs(A).max(axis=1, initial=0.0, keepdims=True)
-    matrix = A / np.where(size > 0, size, 1.0)
+    matrix = _rows(strain_matrix(trunk)[segment][:, muscles], trunk.base_radius)
     x = plan.activations[np.ix_(steps, muscles)]
     z = x.ravel()
     boxes = [allowed(motion, motion.steps[t], plan.near.get(t)) for t in steps.tolist()]
@@ -172,6 +171,17 @@ def _fibre(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Fibre:
         np.minimum(np.array([box.lower[muscles] for box in boxes]).ravel(), z),
         np.maximum(np.array([box.upper[muscles] for box in boxes]).ravel(), z),
     )
+
+
+def _rows(A: np.ndarray, radius: float) -> np.ndarray:
+    """Orthonormal rows (rank, muscles) that fix a segment's strains A (4, muscles) @ gamma.
+
+    Curvatures count times the base radius (m), to compare with extensions. What is round-off,
+    such as the effect of muscles that cannot twist on twist, asks for nothing.
+    """
+    _, sizes, rows = np.linalg.svd(A * np.array([1.0, radius, radius, radius])[:, None])
+    kept: np.ndarray = rows[: len(sizes)][sizes > ROUND_OFF * sizes.max(initial=0.0)]
+    return kept
 
 
 def minimise(parts: Sequence[tuple[np.ndarray, Fibre]]) -> list[np.ndarray]:

@@ -95,6 +95,7 @@ def report(found: Redundancy) -> dict[str, Any]:
         "units": {
             "times": "s",
             "squared_rate": "1/s",
+            "working_muscles": f"those that contract by more than {NARROW:g} at some step",
             "worst_position_error, mean_position_error": "m",
             "range_alone": "smallest and largest activation at each time step, that step alone",
             "range_joint": "the same with all steps within the bounds on change",
