@@ -1,4 +1,9 @@
-"""The same motion by other muscles: with least effort, least peak, fewest muscles."""
+"""The same motion by other muscles: with least effort, least peak, fewest muscles.
+
+The same at every time step, to round-off. In between, it is where interpolation is linear in the
+activations ("cosine", "none"); the monotone slopes of "hermite" are not, and shapes differ by some
+millimetres there.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +22,7 @@ from .fibres import ACCURACY, Fibre, fibres
 # A dual active-set method: ends at the exact vertex of the active bounds, and tells an empty
 # set from one that is merely narrow. Its own tolerance for a violated bound is 1e-6.
 DAQP = {"daqp": {"primal_tol": ACCURACY, "dual_tol": 1e-11, "iter_limit": 20_000}}
+EMPTY = (0, -1)  # DAQP's words for a set without points: seen at once, or on the way
 
 
 def least_effort(plan: Plan, off: Collection[str] = ()) -> Plan:
@@ -76,8 +82,7 @@ def least_peak(plan: Plan) -> Plan:
 def fewest_muscles(plan: Plan) -> Plan:
     """The same shapes with the fewest muscles that ever work; the others stay at exactly 0.
 
-    The number is the least there is (a mixed-integer linear programme); other sets of as many
-    muscles may do as well. Of this set's activations, those of least effort.
+    The number is the least there is; other sets of as many muscles may do as well. Of this set's activations, those of least effort.
 
     Raises
     ------
@@ -146,7 +151,10 @@ def _least(plan: Plan, fibre: Fibre, rate: float = 0.0) -> np.ndarray | None:
         lbx=fibre.lower,
         ubx=fibre.upper,
     )
-    if not solver.stats()["success"]:
+    stats = solver.stats()
+    if not stats["success"]:
+        if stats["return_status"] not in EMPTY:
+            raise AssertionError(f"a quadratic programme failed: {stats['return_status']}")
         return None
     # Bounds hold to round-off only; an activation of 1e-17 on the wrong side is none.
     return np.clip(np.array(result["x"]).ravel(), fibre.lower, fibre.upper)
@@ -180,34 +188,39 @@ def _smallest_peak(fibre: Fibre) -> float:
 
 
 def _fewest(plan: Plan, fibre: Fibre) -> np.ndarray:
-    """Point of least effort with the fewest muscles of a set."""
-    steps, size, n = len(fibre.steps), len(fibre.muscles), len(fibre.lower)
-    which = sp.csr_array(sp.vstack([sp.eye_array(size)] * steps))
-    unit = sp.eye_array(n)
-    wide = (sp.csr_array((len(fibre.target), size)), sp.csr_array((len(fibre.bounded), size)))
-    cuts = [
-        LinearConstraint(sp.hstack([fibre.strain, wide[0]]), fibre.target, fibre.target),
-        # A muscle that works not (0 of 0, 1) has bounds of 0 at every step.
-        LinearConstraint(sp.hstack([unit, -sp.diags_array(fibre.upper) @ which]), -np.inf, 0.0),
-        LinearConstraint(sp.hstack([unit, -sp.diags_array(fibre.lower) @ which]), 0.0, np.inf),
-    ]
-    if len(fibre.bounded):
-        change = sp.hstack([fibre.change, wide[1]])
-        cuts.append(LinearConstraint(change, fibre.least, fibre.most))
+    """Point of least effort with the fewest muscles of a set.
+
+    Muscles are tried in the smallest sets that are not known to be too few. One that is too few
+    is filled up as far as it stays so: of the muscles then missing, one has to work. Which sets
+    those leave is a small integer programme, and no bound has to be turned into a big number.
+    """
+    size = len(fibre.muscles)
+    missing: list[np.ndarray] = []
     while True:
-        result = milp(
-            np.append(np.zeros(n), np.ones(size)),
-            constraints=cuts,
-            bounds=Bounds(
-                np.append(fibre.lower, np.zeros(size)), np.append(fibre.upper, np.ones(size))
-            ),
-            integrality=np.append(np.zeros(n), np.ones(size)),
-        )
-        if result.x is None:
-            raise AssertionError(f"a mixed-integer programme failed: {result.message}")
-        works = result.x[n:] > 0.5
-        z = _least(plan, fibre.without(fibre.muscles[~works]))
+        works = _smallest(missing, size)
+        z = _with(plan, fibre, works)
         if z is not None:
             return z
-        # Right to the programme's tolerance only: one more muscle than these has to work.
-        cuts.append(LinearConstraint(np.append(np.zeros(n), ~works)[None], 1.0, np.inf))
+        for muscle in np.flatnonzero(~works):
+            more = works.copy()
+            more[muscle] = True
+            if _with(plan, fibre, more) is None:
+                works = more
+        missing.append(~works)
+
+
+def _with(plan: Plan, fibre: Fibre, works: np.ndarray) -> np.ndarray | None:
+    """Point of least effort in which no other muscles of a set work; None if there is none."""
+    return _least(plan, fibre.without(fibre.muscles[~works]))
+
+
+def _smallest(groups: list[np.ndarray], size: int) -> np.ndarray:
+    """Smallest set (size,) with a member of every group (size,), all of them masks."""
+    if not groups:
+        return np.zeros(size, dtype=bool)
+    one_each = LinearConstraint(np.array(groups, dtype=float), 1.0, np.inf)
+    result = milp(
+        np.ones(size), constraints=one_each, bounds=Bounds(0, 1), integrality=np.ones(size)
+    )
+    chosen: np.ndarray = result.x > 0.5
+    return chosen
