@@ -82,7 +82,8 @@ def least_peak(plan: Plan) -> Plan:
 def fewest_muscles(plan: Plan) -> Plan:
     """The same shapes with the fewest muscles that ever work; the others stay at exactly 0.
 
-    The number is the least there is; other sets of as many muscles may do as well. Of this set's activations, those of least effort.
+    The number is the least there is; other sets of as many muscles may do as well. Of this
+    set's activations, those of least effort.
 
     Raises
     ------
