@@ -26,6 +26,7 @@ from .motion import Motion, load_motion
 from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
+from .redundancy import Need, needed, redundancy, report
 from .reporting import Reporter
 from .screen import (
     Screen,
@@ -33,8 +34,10 @@ from .screen import (
     findings,
     history_table,
     rank_table,
+    redundancy_table,
     sign_table,
     step_table,
+    version_table,
 )
 from .solution import Plan, Status
 from .solver import check_linear_solver
@@ -412,6 +415,56 @@ def convert(run: str, kinds: tuple[str, ...]) -> None:
             for kind in kinds or writers:
                 writers[kind](plan, folder)
             click.echo(f"{folder}/: {', '.join(kinds or writers)}")
+
+
+@main.command("redundancy")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@click.option("--needed", "ask", is_flag=True, help="Also plan without each muscle: minutes.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Where results go, in a folder for each plan.  [default: beside the plans]",
+)
+@click.option("--no-figures", is_flag=True, help="Draw no figure.")
+def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
+    """Tell which muscles a finished run determines, and what the others could do.
+
+    The range of each muscle that leaves the motion as it is, the same motion with least effort,
+    least peak and fewest muscles, and with --needed how much worse it gets without each muscle.
+    Writes redundancy.json and figures/redundancy.
+    """
+    console = Console(highlight=False)
+    with _clean_errors():
+        folder, plans = _finished(run)
+        for own, plan in plans.items():
+            place = out / own.relative_to(folder) if out else own
+            _check_writable(place)
+            with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
+                found = redundancy(plan)
+            if ask and plan.near:
+                console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
+            elif ask:
+                found = replace(found, needs=_needs(plan, console))
+            (place / "redundancy.json").write_text(json.dumps(report(found), indent=2) + "\n")
+            console.print(redundancy_table(found))
+            console.print(version_table(found))
+            if not no_figures:
+                from .figures import FORMATS
+                from .figures.redundancy import draw_redundancy
+
+                draw_redundancy(found, place / "figures", FORMATS)
+            console.print(f"Results are in {place}/", soft_wrap=True)
+
+
+def _needs(plan: Plan, console: Console) -> tuple[Need, ...]:
+    """What a motion is like without each muscle, with a line that says how far this is."""
+    with console.status("planning without each muscle") as line:
+
+        def show(done: int, total: int, need: Need) -> None:
+            line.update(f"planning without each muscle: {done} of {total}")
+
+        return needed(plan, progress=show)
 
 
 @main.command("schema")

@@ -17,6 +17,9 @@ from rich.table import Table
 from .anatomy import Trunk
 from .diagnosis import Diagnosis
 from .motion import Motion
+from .redundancy import Redundancy
+from .redundancy.bands import AT_REST
+from .redundancy.report import cost, largest
 from .reporting import Progress, Reporter
 from .solution import Plan
 from .tables import MEASURES, ranks, signs
@@ -185,6 +188,56 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
         scale, unit = UNITS.get(name, (1.0, ""))
         values = (f"{scale * plan[name]:.5g}" for plan in figures.values())
         table.add_row(name.replace("_", " "), *values, unit)
+    return table
+
+
+def redundancy_table(found: Redundancy) -> Table:
+    """What a motion leaves each muscle free to do; activations without sign."""
+    plan, free = found.plan, found.freedom
+    table = Table(
+        title=f"{plan.motion.name}, {plan.mode}: the same motion by other muscles",
+        caption="range: width at the steps where it is least and most\n"
+        "at least: what the muscle must do at some step\n"
+        "most: largest activation of each version",
+        box=SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+    )
+    table.add_column("muscle", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    needs = {need.muscles: need for need in found.needs}
+    asked = ("cost\nwithout", "worst\nmm") if needs else ()
+    for name in ("narrow\nrange", "wide\nrange", "at\nleast", "plan\nmost", "effort\nmost",
+                 "fewest\nmost", *asked):  # fmt: skip
+        table.add_column(name, justify="right", no_wrap=True)
+    peaks = [
+        largest(found.versions[version]) for version in ("plan", "least effort", "fewest muscles")
+    ]
+    for i, (name, kind) in enumerate(zip(plan.motion.trunk.muscles, free.kinds, strict=True)):
+        width, least = free.width[:, i], free.least_work[:, i].max()
+        cells = [
+            f"{width.min():.3f}",
+            f"{width.max():.3f}",
+            f"{least:.3g}" if least > AT_REST else "-",
+        ]
+        cells += [f"{peak[i]:.3f}" if peak[i] > 0 else "-" for peak in peaks]
+        if (name,) in needs:
+            need = needs[name,]
+            worst = f"{1e3 * need.worst_position_error:.2f}"
+            cells += [f"x {need.ratio:.3f}", worst + ("" if need.status == "solved" else " !")]
+        table.add_row(name, kind, *cells)
+    return table
+
+
+def version_table(found: Redundancy) -> Table:
+    """What each version of a motion costs."""
+    table = Table(title="the same shapes", box=SIMPLE_HEAD)
+    table.add_column("version")
+    costs = {name: cost(version) for name, version in found.versions.items()}
+    for measure in costs["plan"]:
+        table.add_column(measure.replace("_", "\n"), justify="right")
+    for name, values in costs.items():
+        table.add_row(name, *(f"{value:.5g}" for value in values.values()))
     return table
 
 

@@ -1,0 +1,99 @@
+"""What each muscle could do without changing the motion, as bands behind what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from ..colours import group_colours, groups
+from ..redundancy import Redundancy
+from ..solution import Plan
+from . import style
+from .instants import end_of, trajectory
+
+PALE, DARK = 0.22, 0.5  # how much of its colour a band keeps; opaque, to hide the phases' shades
+ROW = 13.5  # mm
+
+
+def draw_redundancy(found: Redundancy, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw ranges, plan and least effort of every muscle (activation, no unit) over time.
+
+    Rows are sides of muscle groups, columns segments; contraction upwards. Bands are exact at
+    time steps and straight in between.
+    """
+    with style.styled():
+        return style.save(picture(found), folder, "redundancy", formats)
+
+
+def picture(found: Redundancy) -> Figure:
+    """The figure that `draw_redundancy` writes."""
+    plan = found.plan
+    trunk = plan.motion.trunk
+    kinds = list(dict.fromkeys((muscle.group, muscle.side) for muscle in trunk.subdomains))
+    kinds.sort(key=lambda kind: groups(trunk).index(kind[0]))
+    height = ROW * len(kinds) + 30
+    figure = style.new_figure(height)
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}): the same motion otherwise")
+    panels = figure.subplots(
+        max(len(kinds), 1), trunk.segments, squeeze=False, sharex=True, sharey=True,
+        gridspec_kw={"hspace": 0.16, "wspace": 0.07, "left": 0.09, "right": 0.985,
+                     "top": 1 - 18 / height, "bottom": 9 / height},
+    )  # fmt: skip
+    for row, (group, side) in enumerate(kinds):
+        panels[row, 0].set_ylabel(f"{group} {style.SIDES[side][0]}", color=style.INK)
+        for segment in range(trunk.segments):
+            axes = panels[row, segment]
+            style.shade_phases(axes, plan.motion, end_of(plan))
+            style.say_if_none(axes, trunk, group, segment)
+            for index, muscle in style.muscles_of(trunk, group, segment):
+                if muscle.side == side:
+                    _panel(axes, found, index, group_colours(trunk)[group])
+    for segment, axes in enumerate(panels[0]):
+        axes.set_title(f"segment {segment + 1}")
+        panels[-1, segment].set_xlabel("time (s)")
+    every = np.concatenate([found.freedom.alone.ravel(), plan.activations.ravel(), [0.0]])
+    margin = 0.06 * (np.ptp(every) or 1.0)
+    panels[0, 0].set_ylim(every.max() + margin, every.min() - margin)  # contraction upwards
+    _legend(figure, plan)
+    return figure
+
+
+def _panel(axes: Axes, found: Redundancy, index: int, colour: str) -> None:
+    plan, free = found.plan, found.freedom
+    times = np.append(0.0, plan.motion.times)
+    at_rest = np.zeros((1, 2))  # step 0 is the passive trunk, which has no choice
+    for band, share, gid in ((free.alone, PALE, "alone"), (free.joint, DARK, "joint")):
+        low, high = np.concatenate([at_rest, band[:, index]]).T
+        axes.fill_between(times, low, high, color=_mixed(colour, share), linewidth=0, gid=gid)
+    other = trajectory(found.versions["least effort"])[:, index]
+    axes.plot(times, trajectory(plan)[:, index], ".-", color=colour, markersize=2.5, gid="plan")
+    axes.plot(times, other, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
+    kind = found.freedom.kinds[index]
+    axes.text(
+        0.985, 0.93, kind, transform=axes.transAxes, ha="right", va="top", fontsize=5.5,
+        color=style.INK,
+    )  # fmt: skip
+
+
+def _mixed(colour: str, share: float) -> str:
+    """A colour with white."""
+    red, green, blue = (1 - share * (1 - part) for part in to_rgb(colour))
+    return to_hex((red, green, blue))
+
+
+def _legend(figure: Figure, plan: Plan) -> None:
+    ink = style.INK
+    handles = [
+        Patch(color=_mixed(ink, PALE), linewidth=0, label="range, each step alone"),
+        Patch(color=_mixed(ink, DARK), linewidth=0, label="within the bounds on change"),
+        Line2D([], [], color=ink, marker=".", markersize=2.5, label="plan"),
+        Line2D([], [], color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), label="least effort"),
+    ]
+    style.legend_above(figure, handles, style.phase_keys(plan.motion))
