@@ -415,7 +415,8 @@ def test_the_package_has_no_way_to_run_what_it_reads():
                 found |= {(path.name, plain)} if plain in RUNS_CODE else set()
                 found |= {(path.name, method)} if method in STARTS_PROGRAMS else set()
                 for keyword in node.keywords:
-                    on = keyword.arg in ("allow_pickle", "shell")
+                    off = isinstance(keyword.value, ast.Constant) and keyword.value.value is False
+                    on = keyword.arg in ("allow_pickle", "shell") and not off
                     found |= {(path.name, str(keyword.arg))} if on else set()
             if isinstance(node, ast.Import | ast.ImportFrom):
                 names = {alias.name.split(".")[0] for alias in node.names}

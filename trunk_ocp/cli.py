@@ -439,14 +439,13 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
         folder, plans = _finished(run)
         for own, plan in plans.items():
             place = out / own.relative_to(folder) if out else own
-            _check_writable(place)
             with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
                 found = redundancy(plan)
             if ask and plan.near:
                 console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
             elif ask:
                 found = replace(found, needs=_needs(plan, console))
-            (place / "redundancy.json").write_text(json.dumps(report(found), indent=2) + "\n")
+            write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
             console.print(redundancy_table(found))
             console.print(version_table(found))
             if not no_figures:

@@ -101,6 +101,9 @@ def _restore(data: xr.Dataset) -> Plan:
         ProblemSpec.model_validate_json(attributes["problem_json"]),
         AnatomySpec.model_validate_json(attributes["anatomy_json"]),
     )
+    for name, part in (("problem", motion.spec), ("anatomy", motion.anatomy)):
+        if attributes[f"{name}_sha256"] != fingerprint(part):
+            raise InputError(f"its {name} was changed after the plan was made")
     muscles = motion.trunk.muscles
     planned = data.sizes["time"]
     if planned > len(motion.steps) or (muscles and tuple(data["muscle"].values) != muscles):

@@ -40,7 +40,13 @@ ELEPHANT_LENGTH = 1.75
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
     """Numbers of a range, rounded as people write them."""
-    return st.integers(0, 1000).map(lambda k: float(f"{low + (high - low) * k / 1000:.6g}"))
+    least = 1e-9 * max(abs(low), abs(high))  # below it is the rounding of a zero
+
+    def number(k: int) -> float:
+        value = low + (high - low) * k / 1000
+        return float(f"{value:.6g}") if abs(value) > least else 0.0
+
+    return st.integers(0, 1000).map(number)
 
 
 def pairs(low: float, high: float) -> st.SearchStrategy[list[float]]:
