@@ -85,6 +85,11 @@ class Solve:
     violations: tuple[Violation, ...] = ()
 
     @property
+    def what(self) -> str:
+        """What was solved, wherever it started from."""
+        return self.detail.partition(", from the ")[0]
+
+    @property
     def iterations(self) -> int:
         """Number of iterations."""
         return max(len(self.history) - 1, 0)
