@@ -238,8 +238,8 @@ class ElasticWindow(Window):
         add.linear(rows[C.row], unknowns[C.col], C.data)
         for goal in self.goals():
             if goal.weight > 0:
-                row = add.rows("target", 1, lower=-np.inf, upper=goal.tolerance**2)
-                parameters = np.append(goal.parameters, 1.0)
+                row = add.rows("target", 1, lower=-np.inf, upper=1.0)  # in units of tolerance
+                parameters = np.append(goal.parameters, goal.tolerance**-2)
                 add.term(goal.function, goal.variables[:, None], parameters[:, None], 0, 0, row)
         price = np.array([[PRICE / bound.scale for bound in self.elastic.bounds]])
         add.cost(weighted(), self.excess[None], price)
