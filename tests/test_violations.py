@@ -25,21 +25,22 @@ def feasible():
     x = np.tile(-0.02 * rng.random(30), (4, 1))
     window = Window(motion, mesh, motion.steps[STEPS], rest, {}, 0, Weights())
     full = window.pack(x, in_equilibrium(window, x)[0])
-    return window, full, window.programme.nlp()
+    return window, full
 
 
-def constraints(full):
-    window, _, nlp = feasible()
+def of(window, full):
+    """Values of a window's constraints."""
+    nlp = window.programme.nlp()
     g = ca.Function("g", [nlp["x"], nlp["p"]], [nlp["g"]])
     return np.asarray(g(full, window.parameters)).ravel()
 
 
 def planted(change):
     """What is found after a change of the feasible point: (window, unknowns) -> None."""
-    window, full, _ = feasible()
+    window, full = feasible()
     full = full.copy()
     change(window, full)
-    return violations(window, full, constraints(full))
+    return violations(window, full, of(window, full))
 
 
 def about(found, what):
@@ -49,8 +50,8 @@ def about(found, what):
 
 
 def test_a_point_that_keeps_every_constraint_violates_none():
-    window, full, _ = feasible()
-    assert violations(window, full, constraints(full)) == ()
+    window, full = feasible()
+    assert violations(window, full, of(window, full)) == ()
 
 
 def test_an_activation_shows_in_what_its_muscles_make_of_a_segment():
@@ -78,10 +79,10 @@ def test_an_extension_that_muscles_take_out_of_bounds_is_told_with_the_bounds():
         full[window.unknowns[1].strain[0, 0]] = 0.67  # where the variable stops
         full[window.unknowns[1].x[muscles]] -= 3.0 * np.ones(len(muscles))
 
-    window, full, _ = feasible()
+    window, full = feasible()
     full = full.copy()
     change(window, full)
-    g = constraints(full)
+    g = of(window, full)
     # Take the row of the extension alone, whatever curvature comes with it.
     others = np.concatenate([b.rows[..., 1:].ravel() for b in window.blocks if b.name == "strain"])
     g[others - 1] = 0.0
@@ -145,7 +146,6 @@ def test_a_broken_centerline_is_located_and_measured_in_metres():
     def change(window, full):
         full[window.unknowns[2].line[-1, 1]] += 0.02 / L
 
-    window, *_ = feasible()
     (found,) = planted(change)
     assert found.what == "the centerline, coordinate Y,"
     assert (found.step, found.Z, found.unit) == (3, pytest.approx(L), "m")
@@ -166,7 +166,6 @@ def test_a_pull_along_another_direction_is_measured_in_newton():
     def change(window, full):
         full[window.unknowns[3].tip_force[0]] += 2.5 / window.force
 
-    window, *_ = feasible()
     found = about(planted(change), "the pull along a held direction, X,")
     assert (found.step, found.unit) == (4, "N")
     assert found.value - found.lower == pytest.approx(2.5, rel=1e-6)
@@ -202,6 +201,26 @@ def test_each_muscle_that_changes_too_fast_is_named():
     assert "(and less so at 1 other place)" in str(first)
 
 
+def test_a_target_inside_an_element_is_named_by_its_own_place():
+    """Step 5 of lift-log alone: the window's first step is not the motion's."""
+    motion = shipped("lift-log")
+    mesh = mesh_for(motion.trunk, motion.contact_from, 3, 6)
+    x = np.zeros((1, 30))
+    window = Window(motion, mesh, motion.steps[4:5], x[0], {}, 4, Weights())
+    full = window.pack(x, in_equilibrium(window, x)[0])
+    assert violations(window, full, of(window, full)) == ()
+    Z = motion.steps[4].targets[2].Z
+    q, r = window.unknowns[0].points[Z]
+    full[r[2]] += 0.004 / L
+    full[q[1]] += 0.001
+    position, frame = violations(window, full, of(window, full))
+    assert (position.what, position.unit) == ("the position at a target, coordinate Z,", "m")
+    assert (frame.what, frame.unit) == ("the frame at a target", "")
+    assert (position.step, position.Z) == (frame.step, frame.Z) == (5, Z)
+    assert position.value == pytest.approx(0.004, rel=1e-6)
+    assert frame.value == pytest.approx(0.001, rel=1e-6)
+
+
 def test_a_mean_that_is_not_the_segments_is_told():
     def change(window, full):
         full[window.unknowns[1].mean] += 0.05
@@ -211,10 +230,10 @@ def test_a_mean_that_is_not_the_segments_is_told():
 
 
 def test_the_worst_comes_first_and_no_number_before_all():
-    window, full, _ = feasible()
+    window, full = feasible()
     full = full.copy()
     full[window.unknowns[0].line[-1]] += 0.1
-    g = constraints(full)
+    g = of(window, full)
     row = next(block.rows[0] for block in window.blocks if block.name == "mean extension")
     g[row - 1] = np.nan
     found = violations(window, full, g)

@@ -91,7 +91,8 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
-    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if deep else ())
+    asked = deep and plan.verified
+    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if asked else ())
 
 
 # --- failures ----------------------------------------------------------------------------
@@ -110,11 +111,12 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
         return
     if plan.verification.faults:
         yield _unverified(plan)
+        return  # what else is said of its shapes would be no better founded
     if not np.all(plan.stability.stable):
         yield _unstable(plan)
     if plan.missed:
         yield _missed(plan)
-        if deep and np.all(np.isfinite(plan.shape.states)):
+        if deep:
             yield _within_reach(reach(plan, reporter))
 
 
@@ -126,12 +128,13 @@ def _not_converged(plan: Plan, advise: bool) -> Finding:
         return Finding("failure", f"not converged, and there is no record why; {kept}")
     meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
     what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
-    told = tuple(str(violation) for violation in solve.violations[:MOST])
+    told = [str(violation) for violation in solve.violations[:MOST]]
     best = f"kept is the best point met: objective {solve.objective:.3g}"
     if solve.violations:
         best += f", constraints off by {solve.infeasibility:.2g} in units of L, E I(0) / L and 1"
     advice = _next_try(solve, len(plan.motion.steps)) if advise else ""
-    return Finding("failure", what, (*told, best), advice)
+    told += [best] if solve.history else []
+    return Finding("failure", what, tuple(told), advice)
 
 
 def _next_try(solve: Solve, steps: int) -> str:
@@ -233,7 +236,10 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         ("head", "head angles at their bounds"),
         ("change", "changes between steps at their bounds"),
     ):
-        told = tuple(f"{name}: {said(steps)}" for name, steps in pressed[kind].items())
+        together: dict[tuple[int, ...], list[str]] = {}
+        for name, steps in pressed[kind].items():
+            together.setdefault(tuple(steps), []).append(name)
+        told = tuple(f"{', '.join(names)}: {said(steps)}" for steps, names in together.items())
         if told:
             yield Finding("warning", words, told)
     if not plan.converged:

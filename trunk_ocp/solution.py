@@ -28,7 +28,7 @@ class Status(enum.Enum):
 
     SOLVED = "solved and verified"
     MISSED = "converged and verified, but a target is out of reach"
-    UNSTABLE = "converged and verified, but the trunk would not stay in an unstable shape"
+    UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
     UNVERIFIED = "converged, but the independent check failed"
     INFEASIBLE = "not converged: no motion was found that keeps all bounds"
     ITERATION_LIMIT = "not converged within the allowed iterations; the best reached is kept"

@@ -181,8 +181,9 @@ class Optimiser:
         if message not in CONVERGED:  # Ipopt returns its last point, which may be a poor one
             point = min(point, watch.best or point, key=rank)
             violated = violations(window, point.full, point.g)
-        record = stats["iterations"]
-        history = zip(record["obj"], record["inf_pr"], record["inf_du"], strict=True)
+        record = stats.get("iterations", {})  # none where the start already overflows
+        entries = (record.get(name, ()) for name in ("obj", "inf_pr", "inf_du"))
+        history = zip(*entries, strict=True)
         steps = (window.offset + 1, window.offset + len(window.steps))
         self.solves.append(
             Solve(

@@ -140,16 +140,14 @@ def _eigenvalues(
     batch, size = rate.shape[:-3], 3 * len(integral)
     values = np.empty((*batch, size))
     for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        if not np.all(np.isfinite(rate[i])) or not np.all(np.isfinite(by_rate[i])):
-            values[i] = np.nan  # no equilibrium, which is not stable either
-            continue
         turn = np.einsum("kl,lai->kali", integral, rate[i])
         load = by_turn[i] @ turn.reshape(-1, 3, size)
         own = load.reshape(-1, 3, len(integral), 3)
         points = np.arange(len(integral))
         own[points, :, points] += by_rate[i] @ rate[i]
         Q = turn.reshape(size, size).T @ load.reshape(size, size)
-        values[i] = np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
+        known = np.all(np.isfinite(Q))  # or else no equilibrium, which is not stable either
+        values[i] = np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2) if known else np.nan
     return values
 
 
