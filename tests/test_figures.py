@@ -391,6 +391,31 @@ def test_a_plan_that_did_not_converge_is_drawn(tmp_path):
     assert "shapes" in drawn(plan, tmp_path)
 
 
+def titles(plan):
+    """Titles of every figure of a plan, and of one of it beside a solved plan."""
+    solved = planned("lift-log", "sequential")
+    with style.styled():
+        figures = (
+            activations.picture(plan),
+            errors.picture(plan),
+            shapes.picture(plan, rows_of(plan)),
+            muscles.picture(plan, instants.instants(plan, np.array([0.5])), "R"),
+            comparison.picture(solved, plan),
+        )
+    return [figure.get_suptitle() for figure in figures]
+
+
+def test_every_figure_of_a_plan_that_is_not_solved_says_so():
+    solved = planned("lift-log", "horizon")
+    assert not any("NOT SOLVED" in title for title in titles(solved))
+    failed = replace(solved, converged=False)
+    assert failed.status is Status.NOT_CONVERGED
+    for title in titles(failed):
+        assert "horizon, NOT SOLVED: not converged" in title
+        assert "sequential, NOT" not in title
+    assert "NOT SOLVED: interrupted" in titles(replace(solved, interrupted=True))[0]
+
+
 def test_shapes_that_cannot_be_had_are_left_out():
     plan = plan_motion(first_steps("lift-log", 2), lookahead=1)
     lost = replace(plan, x=np.full_like(plan.x, np.nan))

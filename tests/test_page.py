@@ -280,6 +280,19 @@ def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
     assert picture(tab) == before
 
 
+def test_a_plan_that_is_not_solved_says_so(visit, folder):
+    solved = planned("lift-log", "sequential")
+    failed = replace(solved, converged=False)
+    told = [(plan["solved"], plan["status"]) for plan in payload([solved, failed])["plans"]]
+    assert told == [(True, solved.status.value), (False, failed.status.value)]
+    tab = visit(write_page([solved, failed], folder / "failed" / "motion.html"))
+    assert tab.locator("#labels .unsolved").all_inner_texts() == [
+        f"NOT SOLVED: {failed.status.value}"
+    ]
+    headings = tab.locator("#plots h2").all_inner_texts()
+    assert ["NOT SOLVED" in heading for heading in headings] == [False, True]
+
+
 def test_two_plans_move_side_by_side_in_step(visit, pages):
     tab = visit(pages["both"])
     views = tab.evaluate("trunkPage.stage.views")

@@ -396,7 +396,8 @@ def view(run: str, no_browser: bool) -> None:
     multiple=True,
     help="Only this; may be repeated.  [default: all]",
 )
-def convert(run: str, kinds: tuple[str, ...]) -> None:
+@click.option("--anyway", is_flag=True, help="Even what is not solved and verified.")
+def convert(run: str, kinds: tuple[str, ...], anyway: bool) -> None:
     """Write a finished run for other programs.
 
     motion.glb is an animation for Blender and other viewers, vtk/ has a file for each time step
@@ -411,6 +412,12 @@ def convert(run: str, kinds: tuple[str, ...]) -> None:
     }
     with _clean_errors():
         _, plans = _finished(run)
+        for folder, plan in plans.items():
+            if plan.status is not Status.SOLVED and not anyway:
+                raise InputError(
+                    f"{folder}: {plan.status.value}; expected a solved plan. See why with "
+                    f"trunk-ocp explain {run}, or convert it --anyway."
+                )
         for folder, plan in plans.items():
             for kind in kinds or writers:
                 writers[kind](plan, folder)

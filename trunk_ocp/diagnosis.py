@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .activation import strains
+from .motion import allowed
 from .postoptimal import Response, responses
 from .relaxation import Excess, contradictions, reach, said
 from .reporting import Reporter
@@ -92,9 +93,8 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
-    return Diagnosis(
-        plan.status, tuple(findings), rows, responses(plan) if deep and not plan.interrupted else ()
-    )
+    asked = deep and plan.verified and plan.status is not Status.INTERRUPTED
+    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if asked else ())
 
 
 # --- failures ----------------------------------------------------------------------------
@@ -105,30 +105,41 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
         yield Finding("failure", f"interrupted; {kept}", (), "Go on with --resume.")
         return
-    if plan.failure is not None:
+    if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
-        yield _not_converged(plan.failure, advise=not excesses)
+        yield _not_converged(plan, advise=not excesses)
         if excesses:
             yield _contradicting(excesses)
-    if plan.converged and plan.verification.faults:
+        return
+    if plan.verification.faults:
         yield _unverified(plan)
-    if plan.converged and not np.all(plan.stability.stable):
+        return  # what else is said of its shapes would be no better founded
+    if not np.all(plan.stability.stable):
         yield _unstable(plan)
-    if plan.converged and plan.missed:
+    if plan.missed:
         yield _missed(plan)
         if deep:
             yield _within_reach(reach(plan, reporter))
 
 
-def _not_converged(solve: Solve, advise: bool) -> Finding:
+def _not_converged(plan: Plan, advise: bool) -> Finding:
     """What the solve that failed ended with, and what its residuals advise."""
+    solve = plan.failure
+    if solve is None:
+        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
+        return Finding("failure", f"not converged, and there is no record why; {kept}")
     meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
     what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
-    told = tuple(str(violation) for violation in solve.violations[:MOST])
-    return Finding("failure", what, told, _next_try(solve) if advise else "")
+    told = [str(violation) for violation in solve.violations[:MOST]]
+    best = f"kept is the best point met: objective {solve.objective:.3g}"
+    if solve.violations:
+        best += f", constraints off by {solve.infeasibility:.2g} in units of L, E I(0) / L and 1"
+    advice = _next_try(solve, len(plan.motion.steps)) if advise else ""
+    told += [best] if solve.history else []
+    return Finding("failure", what, tuple(told), advice)
 
 
-def _next_try(solve: Solve) -> str:
+def _next_try(solve: Solve, steps: int) -> str:
     """The next thing to try, by how the residuals went."""
     if solve.message == "Invalid_Number_Detected":
         return "Check units: forces in N, lengths in m, moduli in Pa."
@@ -138,9 +149,10 @@ def _next_try(solve: Solve) -> str:
         return f"It was still on its way: allow more, --max-iterations {4 * solve.iterations}."
     if not solve.violations:
         return "All constraints hold, the optimum is flat: --max-iterations, or another --starts."
-    if solve.first == solve.last:
+    if solve.first == solve.last and steps > 1:
         return "Plan the steps together (--mode horizon): a step alone may run into a corner."
-    return "Start elsewhere (--starts 4), or plan fewer steps at a time (--lookahead 3)."
+    fewer = ", or plan fewer steps at a time (--lookahead 3)" if solve.last > 3 else ""
+    return f"Start elsewhere (--starts 4){fewer}."
 
 
 def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
@@ -217,7 +229,7 @@ def _some(excesses: tuple[Excess, ...]) -> tuple[str, ...]:
 
 
 def _warnings(plan: Plan) -> Iterator[Finding]:
-    if not plan.converged or not len(plan.x):
+    if not len(plan.x):
         return
     pressed = at_bounds(plan)
     for kind, words in (
@@ -226,9 +238,14 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         ("head", "head angles at their bounds"),
         ("change", "changes between steps at their bounds"),
     ):
-        told = tuple(f"{name}: {said(steps)}" for name, steps in pressed[kind].items())
+        together: dict[tuple[int, ...], list[str]] = {}
+        for name, steps in pressed[kind].items():
+            together.setdefault(tuple(steps), []).append(name)
+        told = tuple(f"{', '.join(names)}: {said(steps)}" for steps, names in together.items())
         if told:
             yield Finding("warning", words, told)
+    if not plan.converged:
+        return
     margin = plan.stability.margin
     if np.all(plan.stability.stable) and margin.min() < LOW_MARGIN:
         t = int(np.argmin(margin))
@@ -267,10 +284,10 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     extension = strains(trunk, plan.activations)[..., 0]
     before = np.zeros(plan.x.shape[1])
     for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
-        change = x - before
+        change, box = x - before, allowed(plan.motion, step, plan.near.get(t))
         for i, name in enumerate(names):
             muscle = i < len(trunk.muscles)
-            sides = _side(x[i], step.box.lower[i], step.box.upper[i])
+            sides = _side(x[i], box.lower[i], box.upper[i])
             if sides == -1 or (sides and not muscle):
                 found["contraction" if muscle else "head"].setdefault(name, []).append(t + 1)
             if t not in plan.near and _side(change[i], step.change.lower[i], step.change.upper[i]):

@@ -44,7 +44,8 @@ class PlanError(TrunkError):
     """
 
     def __init__(self, plan: Plan) -> None:
-        problems = [*plan.verification.faults, *plan.missed, *plan.notes]
+        violated = plan.failure.violations if plan.failure else ()
+        problems = [*map(str, violated), *plan.verification.faults, *plan.missed, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(
             f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The plan is this "

@@ -21,6 +21,9 @@ from .solver import WARM, Optimiser, Outcome
 from .transcription import Window
 
 PART = 0.01  # by which a bound is moved: 1 %
+SHARP = WARM | {"tol": 1e-9, "compl_inf_tol": 1e-13}
+"""Ends with a barrier so low that multipliers tell which bounds bind."""
+TINY = np.finfo(float).tiny
 SAME = 1e-3
 """Largest difference, relative, of the objectives of a plan and its re-solve."""
 REGULAR = 1e-10
@@ -60,11 +63,12 @@ def responses(plan: Plan) -> tuple[Response, ...]:
 
     A horizon answers as a whole; of a sequential plan each step answers for itself, the earlier
     ones held. Empty for a receding horizon, whose windows reach beyond the steps it keeps, and if
-    the plan is not an optimum to begin with.
+    the plan is not an optimum to begin with, or one among many: with weights of 0 on effort and
+    rate nothing says how the muscles would share a change.
     """
     if not plan.converged or plan.mode == "receding" or len(plan.x) < len(plan.motion.steps):
         return ()
-    optimiser = Optimiser(ipopt=WARM | {"tol": 1e-9})
+    optimiser = Optimiser(ipopt=SHARP)
     found: list[Response] = []
     for window, first, last in _windows(plan):
         start = window.pack(plan.x[first:last], plan.part(first, last))
@@ -116,8 +120,11 @@ def _responses(window: Window, outcome: Outcome, optimiser: Optimiser) -> list[R
     x, bounds = outcome.full, window.bounds
     fixed = bounds["lbx"] == bounds["ubx"]  # of these Ipopt has no multiplier
     pull = -(point.gradient + point.jacobian.T @ point.lam_g)
-    at_x = _active(x, bounds["lbx"], bounds["ubx"], np.where(fixed, pull, point.lam_x))
-    at_g = _active(point.g, bounds["lbg"], bounds["ubg"], point.lam_g)
+    # Multipliers as shares of the objective, since effort alone may make them very small.
+    lam_x = np.where(fixed, pull, point.lam_x) / max(outcome.objective, TINY)
+    lam_g = point.lam_g / max(outcome.objective, TINY)
+    at_x = _active(x, bounds["lbx"], bounds["ubx"], lam_x)
+    at_g = _active(point.g, bounds["lbg"], bounds["ubg"], lam_g)
     moves = _moves(window, at_x, at_g)
     if not moves:
         return []
@@ -130,12 +137,17 @@ def _responses(window: Window, outcome: Outcome, optimiser: Optimiser) -> list[R
     spare = -REGULAR * sp.identity(rows.size)
     system = sp.bmat([[H[:, free], J[:, free].T], [J[:, free], spare]], format="csc")
     right = np.vstack([-H[:, fixed] @ dx[fixed], dg[rows] - J[:, fixed] @ dx[fixed]])
-    dx[free] = splu(system).solve(right)[: free.size]
+    try:
+        dx[free] = splu(system).solve(right)[: free.size]
+    except RuntimeError:  # exactly singular
+        return []
+    if not np.all(np.isfinite(dx)):
+        return []
     error, slope = window.target_errors(x)
     change = slope @ dx
     worst = change[np.argmax(error)] if error.size else np.zeros(len(moves))
     mean = change.mean(axis=0) if error.size else np.zeros(len(moves))
-    relative = point.gradient @ dx / max(outcome.objective, np.finfo(float).tiny)
+    relative = point.gradient @ dx / max(outcome.objective, TINY)
     return [
         Response(
             move.name,
@@ -152,16 +164,18 @@ def _active(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, lam: np.ndarray
     """-1 where the lower bound binds, +1 the upper, 0 where none; equations bind.
 
     At an interior point's optimum the multiplier of a bound that binds is larger than the
-    distance to it, and the smaller of the two otherwise.
+    distance to it, and the smaller of the two otherwise; both without a unit, by the range.
     """
-    side = np.where(lam > 0, 1, -1)
-    binds = np.abs(lam) > np.where(lam > 0, upper - x, x - lower)
+    side, room = np.where(lam > 0, 1, -1), upper - lower
+    room = np.where(np.isfinite(room), room, 1.0)
+    binds = np.abs(lam) * room**2 > np.where(lam > 0, upper - x, x - lower)
     return np.where(binds | (lower == upper), side, 0)
 
 
 def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
     """Every bound of the problem that binds somewhere in a window."""
-    names = window.motion.trunk.muscles
+    motion = window.motion
+    names = motion.trunk.muscles
     count, degree = len(names), float(np.degrees(1.0))
     found: dict[tuple[str, int], _Move] = {}
 
@@ -175,19 +189,23 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
         move.shifts.append(side * PART * (abs(bound) or 1.0))
 
     for step, u in enumerate(window.unknowns, window.offset):
-        box = window.steps[step - window.offset].box
+        boxes = (window.steps[step - window.offset].box, motion.steps[step].box, motion.box)
         for i in np.flatnonzero(at_x[u.x]).tolist():
             side = int(at_x[u.x[i]])
-            bound = float((box.lower if side < 0 else box.upper)[i])
+            bound, *stated = (float((box.lower if side < 0 else box.upper)[i]) for box in boxes)
+            near = "" if bound in stated else ", held near its unloaded value"
             if i >= count:
-                add(f"head psi_{'ZY'[i - count]}", side, step, int(u.x[i]), bound, degree, False)
-            elif side < 0 or bound > 0:  # a muscle cannot push; that bound is no choice
-                word = "contraction" if side < 0 else "stretch"
-                add(f"{word} of {names[i]}", side, step, int(u.x[i]), bound, 1.0, False)
+                name, scale = f"head psi_{'ZY'[i - count]}{near}", degree
+            elif side > 0 and bound == 0:
+                continue  # a muscle cannot push; that bound is no choice
+            else:
+                word = "contraction" if bound <= 0 else "stretch"
+                name, scale = f"{word} of {names[i]}{near}", 1.0
+            add(name, side, step, int(u.x[i]), bound, scale, False)
         for segment, place in enumerate(u.strain[:, 0].tolist()):
             if at_x[place]:
                 side = int(at_x[place])
-                bound = window.motion.extension[side > 0]
+                bound = motion.extension[side > 0]
                 add(f"extension of segment {segment + 1}", side, step, place, bound, 1.0, False)
     for block in window.blocks:
         if block.name != "change" or block.step is None:

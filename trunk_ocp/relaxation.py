@@ -25,8 +25,9 @@ from .solver import IPOPT, Optimiser
 from .terms import weighted
 from .transcription import Weights, Window
 
-PRICE = 100.0  # of an excess of its bounds' whole range; tracking and effort cost less than 1
-SMALLEST = 1e-3  # share of the range, below which an excess is not told
+PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
+SMALLEST = 1e-3  # share of the range, below which an excess is the optimiser's inaccuracy
+EXACT = 1e-6  # the same for the linear programme
 ITERATIONS = 200
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
@@ -100,7 +101,7 @@ def contradictions(motion: Motion) -> tuple[Excess, ...]:
     )
     free = [(None, None)] * count + [(0, 0 if bound.firm else None) for bound in elastic.bounds]
     result = linprog(price, A_ub=rows, b_ub=limit, bounds=free, method="highs")
-    return _told(elastic, result.x[count:])
+    return _told(elastic, result.x[count:], EXACT)
 
 
 def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | None:
@@ -109,20 +110,22 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     All targets within the motion's tolerance, at the least price found from the plan; a local
     optimum, like every plan. None if no such motion was found.
     """
-    window = ElasticWindow(plan.motion, plan.mesh, plan.weights)
+    window = ElasticWindow(plan.motion, plan.mesh)
     optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
     start = window.pack(plan.x, plan.shape)
     outcome = optimiser.solve(window, start, "relaxation", "what would have to give")
-    return _told(window.elastic, outcome.full[window.excess]) if outcome.converged else None
+    if not outcome.converged:
+        return None
+    return _told(window.elastic, outcome.full[window.excess], SMALLEST)
 
 
-def _told(elastic: Elastic, amounts: np.ndarray) -> tuple[Excess, ...]:
-    """Excesses worth telling, the largest share of a range first."""
+def _told(elastic: Elastic, amounts: np.ndarray, smallest: float) -> tuple[Excess, ...]:
+    """Excesses of more than a share of their bound's range, the largest share first."""
     pairs = zip(elastic.bounds, amounts.tolist(), strict=True)
     some = [
         Excess(b, float(np.degrees(amount)) if b.unit == "deg" else amount)
         for b, amount in pairs
-        if amount > SMALLEST * b.scale
+        if amount > smallest * b.scale
     ]
     return tuple(sorted(some, key=lambda excess: -excess.amount / excess.bound.scale))
 
@@ -130,7 +133,7 @@ def _told(elastic: Elastic, amounts: np.ndarray) -> tuple[Excess, ...]:
 def elastic_bounds(motion: Motion) -> Elastic:
     """Every bound of a motion as a row that may give."""
     trunk, n, H = motion.trunk, len(motion.trunk.muscles) + 2, len(motion.steps)
-    names = (*trunk.muscles, "head psi_Z", "head psi_Y")
+    names = (*(f"activation of {m}" for m in trunk.muscles), "head psi_Z", "head psi_Y")
     units = ("",) * (n - 2) + ("deg", "deg")
     lower = np.array([step.box.lower for step in motion.steps])
     upper = np.array([step.box.upper for step in motion.steps])
@@ -146,11 +149,8 @@ def elastic_bounds(motion: Motion) -> Elastic:
     for segment in range(trunk.segments):
         zeta = sp.hstack([A[segment], sp.csr_matrix((1, 2))])
         every = sp.kron(sp.identity(H), zeta, format="csr")
-        name, ends = (
-            f"extension of segment {segment + 1}",
-            (np.full(H, low - 1), np.full(H, high - 1)),
-        )
-        rows.add(every, name, "", 0.3, *ends, offset=1.0)
+        ends = (np.full(H, low - 1), np.full(H, high - 1))
+        rows.add(every, f"extension of segment {segment + 1}", "", 0.3, *ends, offset=1.0)
     difference = sp.csr_matrix(eye - sp.eye(H * n, k=-n))
     least = np.array([step.change.lower for step in motion.steps])
     most = np.array([step.change.upper for step in motion.steps])
@@ -211,6 +211,8 @@ class _Rows:
 class ElasticWindow(Window):
     """All time steps of a motion, with targets as constraints and bounds that may give.
 
+    Tracking costs nothing: a target that is met within its tolerance buys no more excess.
+
     Attributes
     ----------
     elastic : Elastic
@@ -218,12 +220,12 @@ class ElasticWindow(Window):
         Indices of the excesses among the unknowns.
     """
 
-    def __init__(self, motion: Motion, mesh: Mesh, weights: Weights) -> None:
+    def __init__(self, motion: Motion, mesh: Mesh) -> None:
         n = len(motion.trunk.muscles) + 2
         loose = Box(np.full(n, -np.inf), np.full(n, np.inf))
         steps = [replace(step, box=loose, change=loose) for step in motion.steps]
         without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
-        super().__init__(without, mesh, steps, np.zeros(n), {}, 0, weights)
+        super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())
         self.elastic = elastic_bounds(motion)
         add = self._assembly
         most = np.array([0.0 if bound.firm else np.inf for bound in self.elastic.bounds])
@@ -236,8 +238,11 @@ class ElasticWindow(Window):
         add.linear(rows[C.row], unknowns[C.col], C.data)
         for goal in self.goals():
             if goal.weight > 0:
-                row = add.rows("target", 1, lower=-np.inf, upper=goal.tolerance**2)
-                parameters = np.append(goal.parameters, 1.0)
+                row = add.rows("target", 1, lower=-np.inf, upper=1.0)  # in units of tolerance
+                parameters = np.append(goal.parameters, goal.tolerance**-2)
                 add.term(goal.function, goal.variables[:, None], parameters[:, None], 0, 0, row)
         price = np.array([[PRICE / bound.scale for bound in self.elastic.bounds]])
         add.cost(weighted(), self.excess[None], price)
+
+    def _tracking(self) -> None:
+        """No cost; targets are constraints."""

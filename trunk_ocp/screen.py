@@ -145,7 +145,7 @@ def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
 
 def history_table(diagnosis: Diagnosis) -> Table:
     """How the solve that failed went: some ten of its iterations."""
-    table = Table(title="the solve that failed", box=SIMPLE_HEAD)
+    table = Table(title="how the solve went", box=SIMPLE_HEAD)
     for name in ("iteration", "objective", "constraints off by", "slope left"):
         table.add_column(name, justify="right")
     rows = diagnosis.history

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,7 +29,7 @@ class Status(enum.Enum):
 
     SOLVED = "solved and verified"
     MISSED = "converged and verified, but a target is out of reach"
-    UNSTABLE = "converged and verified, but the trunk would not stay in an unstable shape"
+    UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
     UNVERIFIED = "converged, but the independent check failed"
     INFEASIBLE = "not converged: no motion was found that keeps all bounds"
     ITERATION_LIMIT = "not converged within the allowed iterations; the best reached is kept"
@@ -210,11 +211,17 @@ class Plan:
 
     @property
     def failure(self) -> Solve | None:
-        """Of a plan that did not converge, the solve that came farthest where it failed first."""
-        own = [s for s in self.solves if not s.converged and s.stage == self.mode]
-        if self.converged or not own:
-            return None
-        return min((solve for solve in own if solve.first == own[0].first), key=rank)
+        """Of a plan that did not converge, the solve that came farthest where it failed first.
+
+        Where one of several starts led to a solution, nothing failed; unless all did, and a
+        finer mesh failed at last.
+        """
+        own = [solve for solve in self.solves if solve.stage == self.mode]
+        tries = [list(same) for _, same in itertools.groupby(own, key=lambda s: s.what)]
+        failed = [same for same in tries if not any(solve.converged for solve in same)]
+        for same in (*failed, *tries[-1:]) if not self.converged else ():
+            return min((solve for solve in same if not solve.converged), key=rank, default=None)
+        return None
 
     def checked(self) -> Plan:
         """The plan itself, if it is solved and verified.

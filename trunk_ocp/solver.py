@@ -92,6 +92,11 @@ class Solve:
         return cls(**{**record, "history": history, "violations": violated})
 
     @property
+    def what(self) -> str:
+        """What was solved, wherever it started from."""
+        return self.detail.partition(", from the ")[0]
+
+    @property
     def iterations(self) -> int:
         """Number of iterations."""
         return max(len(self.history) - 1, 0)
@@ -183,8 +188,9 @@ class Optimiser:
         if message not in CONVERGED:  # Ipopt returns its last point, which may be a poor one
             point = min(point, watch.best or point, key=rank)
             violated = violations(window, point.full, point.g)
-        record = stats["iterations"]
-        history = zip(record["obj"], record["inf_pr"], record["inf_du"], strict=True)
+        record = stats.get("iterations", {})  # none where the start already overflows
+        entries = (record.get(name, ()) for name in ("obj", "inf_pr", "inf_du"))
+        history = zip(*entries, strict=True)
         steps = (window.offset + 1, window.offset + len(window.steps))
         self.solves.append(
             Solve(

@@ -146,7 +146,8 @@ def _eigenvalues(
         points = np.arange(len(integral))
         own[points, :, points] += by_rate[i] @ rate[i]
         Q = turn.reshape(size, size).T @ load.reshape(size, size)
-        values[i] = np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
+        known = np.all(np.isfinite(Q))  # or else no equilibrium, which is not stable either
+        values[i] = np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2) if known else np.nan
     return values
 
 

@@ -101,7 +101,8 @@ class Window:
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
         self._couplings()
-        self._costs(weights)
+        self._tracking()
+        self._economy(weights)
 
     @cached_property
     def bounds(self) -> dict[str, np.ndarray]:
@@ -231,8 +232,8 @@ class Window:
                         goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
                         yield Goal(squared_direction(j), q, goal, weight, direction)
 
-    def _costs(self, weights: Weights) -> None:
-        """Tracking (eq. 42, squared), effort, and rate of change."""
+    def _tracking(self) -> None:
+        """Cost of the distance to targets (eq. 42, squared)."""
         tracking: dict[ca.Function, list[Goal]] = {}
         for goal in self.goals():
             tracking.setdefault(goal.function, []).append(goal)
@@ -241,6 +242,8 @@ class Window:
             weighted = [np.append(goal.parameters, goal.weight) for goal in goals]
             self._assembly.cost(function, variables, np.stack(weighted, axis=-1))
 
+    def _economy(self, weights: Weights) -> None:
+        """Costs of effort and of rate of change."""
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         self._assembly.cost(
             square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)

@@ -52,7 +52,8 @@ class Violation:
             allowed = f"off by {self.value - self.lower:.3g}{unit}"
         else:
             allowed = f"is {self.value:.4g}{unit}, allowed {self.lower:g} to {self.upper:g}"
-        more = f" (and less so at {self.others} other places)" if self.others else ""
+        places = f"{self.others} other place{'s' * (self.others > 1)}"
+        more = f" (and less so at {places})" if self.others else ""
         return f"step {self.step}: {self.what}{where} {allowed}{more}"
 
 
@@ -66,8 +67,10 @@ def violations(window: Window, full: np.ndarray, g: np.ndarray) -> tuple[Violati
     excess[np.isnan(g)] = np.inf
     found: dict[str, list[Violation]] = {}
     for block in window.blocks:
-        rows = block.rows.reshape(-1, block.rows.shape[-1]) - 1  # row 0 of F is the objective
-        # Of the components of one place, the worst; the others say the same again.
+        # Of the components of one place, the worst; the others say the same again. But each
+        # change is of another muscle. Row 0 of F is the objective.
+        components = 1 if block.name == "change" else block.rows.shape[-1]
+        rows = block.rows.reshape(-1, components) - 1
         worst = np.argmax(excess[rows], axis=1)
         for place in np.flatnonzero(excess[rows].max(axis=1) > SMALLEST).tolist():
             component = int(worst[place])
@@ -95,9 +98,11 @@ def _violation(
     what, scale, unit = _meaning(window, block, *at)
     Z = None if block.Z is None else float(block.Z.ravel()[at[0]])
     if block.name == "strain" and at[1] == 0:
-        # The variable keeps its bounds; what its muscles make is elsewhere.
+        # The variable keeps its bounds; what its muscles make may be elsewhere.
         variable = full[window.unknowns[step - window.offset].strain[at[0], 0]]
-        value, bounds = float(variable) - (value - bounds[0]), window.motion.extension
+        made, (low, high) = float(variable) - (value - bounds[0]), window.motion.extension
+        if not low <= made <= high:
+            value, bounds = made, (low, high)
     lower, upper = (scale * bound for bound in bounds)
     return Violation(step + 1, what, Z, scale * value, lower, upper, unit)
 
@@ -127,7 +132,7 @@ def _meaning(window: Window, block: Block, place: int, component: int) -> tuple[
     if block.name == "change":
         limited = window.steps[(block.step or 0) - window.offset].change.limited
         names = (*window.motion.trunk.muscles, "psi_Z", "psi_Y")
-        name = names[limited[component]]
+        name = names[limited[place]]
         angle = name.startswith("psi")
         return f"change of {name}", degrees if angle else 1.0, "deg" if angle else ""
     return f"the {block.name}", 1.0, ""

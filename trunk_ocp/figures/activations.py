@@ -37,7 +37,7 @@ def picture(plan: Plan) -> Figure:
     rows = len(groups(trunk))
     height = 27.0 * rows + 30 + 24
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode})")
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(27.0 * rows, 1e-3), 24], hspace=12 / (13.5 * rows + 12),
         left=0.085, right=0.985, top=1 - 18 / height, bottom=10 / height,

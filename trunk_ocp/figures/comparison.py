@@ -46,8 +46,8 @@ def picture(sequential: Plan, horizon: Plan) -> Figure:
     rows = len(groups(trunk))
     height = 25.0 * rows + 38 + 26
     figure = style.new_figure(height)
-    title = style.title(horizon.motion)
-    style.headline(figure, f"{title}: {sequential.mode} against {horizon.mode}")
+    first, second = (f"{plan.mode}{style.mark(plan)}" for plan in (sequential, horizon))
+    style.headline(figure, f"{style.title(horizon.motion)}: {first} against {second}")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
         left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,

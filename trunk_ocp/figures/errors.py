@@ -46,7 +46,7 @@ def picture(plan: Plan) -> Figure:
     """The figure that `draw_errors` writes."""
     height = 62.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode})")
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
     style.legend_above(figure, style.phase_keys(plan.motion))
     grid = figure.add_gridspec(
         1, 2, left=0.075, right=0.88, top=1 - 14 / height, bottom=10 / height, wspace=0.62

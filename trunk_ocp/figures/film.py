@@ -109,7 +109,8 @@ class Stage:
         """Draw a moment."""
         figure, trunk = self.figure, self.plan.motion.trunk
         figure.clear()
-        style.headline(figure, f"{style.title(self.plan.motion)}, t = {moment.time:.2f} s")
+        motion, mark = style.title(self.plan.motion), style.mark(self.plan)
+        style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s")
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         surfaces = [
             Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))

@@ -61,7 +61,9 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     height = above + below + tall * len(moments)
     figure = style.new_figure(height)
     style.headline(
-        figure, f"{style.title(plan.motion)} ({plan.mode}): {name} muscles, seen from the {name}"
+        figure,
+        f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)}): {name} muscles, seen from "
+        f"the {name}",
     )
     scale = Normalize(0.0, strongest(plan))
     for row, (moment, line) in enumerate(zip(moments, lines, strict=True)):

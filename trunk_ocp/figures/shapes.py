@@ -97,7 +97,7 @@ def picture(plan: Plan, rows: list[Row]) -> Figure:
     spare = (usable - scale * sum(box.width for box in boxes[0])) / 2
     height = scale * sum(tall) + len(rows) * (above + below) + HEADER
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode})")
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
     _key(figure, plan)
     top = height - HEADER
     for row, of_row, size in zip(rows, boxes, tall, strict=True):

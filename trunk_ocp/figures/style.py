@@ -18,6 +18,7 @@ from ..anatomy import Muscle, Trunk
 from ..errors import TrunkError
 from ..files import replacing
 from ..motion import Motion
+from ..solution import Plan, Status
 
 NAMES = {
     "dl": "dorsal longitudinal",
@@ -151,6 +152,12 @@ def plain(text: str) -> str:
 def title(motion: Motion) -> str:
     """What a motion is called."""
     return plain(motion.spec.title or motion.name)
+
+
+def mark(plan: Plan) -> str:
+    """What a title adds to a plan that is not solved, for no one to take it for one."""
+    solved = plan.status is Status.SOLVED
+    return "" if solved else f", NOT SOLVED: {plan.status.name.lower().replace('_', ' ')}"
 
 
 def headline(figure: Figure, text: str) -> None:

@@ -21,7 +21,7 @@ from ..errors import StaticsError
 from ..geometry import frames, outline
 from ..head import base_pose
 from ..rotations import about_y, about_z, directors, product
-from ..solution import Plan, Sample
+from ..solution import Plan, Sample, Status
 from ..statics import Shape
 from .objects import carried, targets
 
@@ -51,6 +51,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
     return {
         "mode": plan.mode,
         "status": plan.status.value,
+        "solved": plan.status is Status.SOLVED,
         "objective": J if math.isfinite(J) else None,
         "times": encoded(times),
         "steps": [float(t) for t in motion.times[: len(plan.x)]],

@@ -105,7 +105,10 @@ function addLabels() {
     const label = byId("labels").appendChild(document.createElement("div"));
     const cost = plan.objective === null ? "" : `, J = ${short(plan.objective)}`;
     label.appendChild(document.createElement("strong")).textContent = plan.label;
-    label.append(`${cost}; ${plan.status}`);
+    label.append(`${cost}; `);
+    const status = label.appendChild(document.createElement("span"));
+    status.className = plan.solved ? "" : "unsolved";
+    status.textContent = plan.solved ? plan.status : `NOT SOLVED: ${plan.status}`;
     label.appendChild(document.createElement("div")).className = "head";
   }
 }

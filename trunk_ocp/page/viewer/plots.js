@@ -34,7 +34,7 @@ export class Plots {
 function planSection(container, plan) {
   const section = container.appendChild(document.createElement("section"));
   const heading = section.appendChild(document.createElement("h2"));
-  heading.textContent = `${plan.label}: activations`;
+  heading.textContent = `${plan.label}: activations${plan.solved ? "" : " (NOT SOLVED)"}`;
   const panels = section.appendChild(document.createElement("div"));
   panels.className = "panels";
   if (!plan.trunk.muscles.length) panels.textContent = "This trunk has no muscles.";
