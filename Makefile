@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
 
-.PHONY: venv motion results test lint bench schema clean
+.PHONY: venv motion results test trust lint bench schema clean
 
 venv: $(READY)
 
@@ -32,6 +32,10 @@ motion: venv
 results: venv
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
 	  $(BIN)/solve-motion $$motion --mode both --out results/study/$$motion || exit 1; done
+
+# Files made up and damaged, runs killed and resumed, cases validated; TRUST=--inputs=... for more.
+trust: venv
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m trust.run $(TRUST)
 
 lint: venv
 	$(BIN)/ruff check .

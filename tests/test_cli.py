@@ -13,6 +13,7 @@ from plans import POINT, TOUCH, written
 
 from trunk_ocp import cli
 from trunk_ocp.errors import InputError
+from trunk_ocp.figures import film
 from trunk_ocp.storage import load_plan
 
 SOLVE_MOTION = Path(sys.executable).parent / "solve-motion"
@@ -224,7 +225,7 @@ def started(*arguments):
 
 
 def test_the_installed_command_solves(tmp_path):
-    process = started(written(tmp_path, TOUCH), "--out", tmp_path / "out", "--json")
+    process = started(written(tmp_path, TOUCH), "--out", tmp_path / "out", "--json", "--no-figures")
     out, err = process.communicate(timeout=120)
     assert (process.returncode, err) == (0, "")
     assert json.loads(out)["horizon"]["status"] == "solved"
@@ -270,6 +271,7 @@ def test_a_finished_run_is_converted_for_other_programs(tmp_path):
 
 
 def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
+    monkeypatch.setattr(film, "MOST", 4)  # frames, for speed
     out = tmp_path / "out"
     problem = written(tmp_path, TOUCH)
     arguments = [str(problem), "--out", str(out), "--mode", "both", "--film"]

@@ -21,7 +21,7 @@ from .errors import InputError
 
 LARGEST_FILE = 300_000
 """Bytes; a hundred times a shipped file, and still read in a fraction of a second."""
-SMALLEST, LARGEST = 1e-12, 1e12
+SMALLEST, LARGEST = 1e-24, 1e24
 """Sizes of a number other than 0; powers and products of such numbers stay far from overflow."""
 MOST_FAULTS = 20
 """Faults of one file that are told."""
