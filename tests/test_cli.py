@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
-from trunk_ocp import cli
+from trunk_ocp import cli, runs
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import film
 from trunk_ocp.storage import load_plan
@@ -284,7 +284,7 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     assert (out / "figures" / "comparison.pdf").exists()
     assert (out / "motion.html").exists()
     opened = []
-    monkeypatch.setattr(cli.webbrowser, "open", lambda page: opened.append(page) or True)
+    monkeypatch.setattr(runs.webbrowser, "open", lambda page: opened.append(page) or True)
     (out / "motion.html").unlink()
     shown = CliRunner().invoke(cli.main, ["view", str(out)])
     assert shown.exit_code == 0, shown.output

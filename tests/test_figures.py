@@ -28,10 +28,10 @@ from trunk_ocp.figures import (
     shapes,
     style,
 )
-from trunk_ocp.figures.limits import limits, touching
 from trunk_ocp.figures.scene import VIEWS, ball, cylinder
 from trunk_ocp.figures.things import head_sphere, log_at
 from trunk_ocp.head import base_pose
+from trunk_ocp.limits import limits, touching
 from trunk_ocp.motion import load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status

@@ -9,9 +9,11 @@ from .checkpoint import Checkpoint
 from .comparison import compare, measure
 from .diagnosis import Diagnosis, Finding, explain
 from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
+from .foresight import foresight, front, survey
 from .loads import Loads
 from .motion import Motion, load_motion
-from .planner import Options, plan_motion
+from .optima import optima
+from .planner import Options, plan_from, plan_motion
 from .point_shapes import PointShapes
 from .problem_file import problem_schema
 from .replanning import Replanner
@@ -49,14 +51,19 @@ __all__ = [
     "Weights",
     "compare",
     "explain",
+    "foresight",
+    "front",
     "load_anatomy",
     "load_motion",
     "load_plan",
     "measure",
+    "optima",
+    "plan_from",
     "plan_motion",
     "problem_schema",
     "save_plan",
     "solve_statics",
     "stability",
+    "survey",
     "tip_jacobian",
 ]

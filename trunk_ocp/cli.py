@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-import webbrowser
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,36 +16,33 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .checkpoint import FILE, Checkpoint
+from .command import clean_errors, verdict
 from .comparison import compare
-from .diagnosis import effects, explain
-from .errors import InputError, TrunkError
+from .diagnosis import explain
+from .errors import InputError
 from .files import alone, write
 from .interrupts import INTERRUPTED, Interrupts
 from .motion import Motion, load_motion
 from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
-from .redundancy import Need, needed, redundancy, report
+from .questions import compare_ways, many_starts, redundant, survey_limits
 from .reporting import Reporter
+from .runs import convert, explain_run, view
 from .screen import (
     Screen,
     comparison_table,
     findings,
-    history_table,
     rank_table,
-    redundancy_table,
     sign_table,
     step_table,
-    version_table,
 )
 from .solution import Plan, Status
 from .solver import check_linear_solver
-from .storage import finite, load_plan, save_diagnosis, save_plan, summary
+from .storage import save_diagnosis, save_plan, summary
 
 # Where it may not keep its settings it makes a folder for them; nobody needs to know.
 logging.getLogger("matplotlib").setLevel(logging.ERROR)
-
-BAD_INPUT = 2
 
 
 @click.command("solve")
@@ -123,7 +119,7 @@ def solve(
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
     command = json.loads(json.dumps(context.params, default=str))
-    with Interrupts() as interrupts, _clean_errors():
+    with Interrupts() as interrupts, clean_errors():
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -150,7 +146,7 @@ def solve(
                         checkpoint.remove()
             for plan in plans:
                 console.print(step_table(plan))
-                _verdict(console, plan)
+                verdict(console, plan)
                 _tell(console, plan, folder / plan_folder(plan))
             if figures:
                 console.print(comparison_table(figures))
@@ -268,15 +264,6 @@ def _interrupted_drawing(console: Console) -> Iterator[None]:
         console.print("Stopped drawing; the plans are saved.")
 
 
-def _verdict(console: Console, plan: Plan) -> None:
-    colour = "green" if plan.status is Status.SOLVED else "yellow"
-    planned, steps = len(plan.x), len(plan.motion.steps)
-    part = "" if planned == steps else f" ({planned} of {steps} time steps)"
-    console.print(f"[{colour}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
-    for sentence in plan.notes:
-        console.print(f"  {sentence}", soft_wrap=True)
-
-
 def _tell(console: Console, plan: Plan, folder: Path) -> None:
     """What the plan leans on, or why it failed, on the screen and in its folder."""
     solved = plan.status is Status.SOLVED
@@ -286,19 +273,6 @@ def _tell(console: Console, plan: Plan, folder: Path) -> None:
     save_diagnosis(diagnosis, folder)
     for line in findings(diagnosis, brief=True):
         console.print(line, soft_wrap=True)
-
-
-@contextmanager
-def _clean_errors() -> Iterator[None]:
-    """Errors a user can mend become a message and exit code 2."""
-    try:
-        yield
-    except (TrunkError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        click.echo("Interrupted; nothing more was saved.", err=True)
-        sys.exit(INTERRUPTED)
 
 
 @click.group()
@@ -312,165 +286,13 @@ def main() -> None:
 def tables(anatomy: str) -> None:
     """Print what each muscle group does, and how strongly (the paper's Tables 2 and 3)."""
     console = Console(file=standard_output(), highlight=False)
-    with _clean_errors():
+    with clean_errors():
         trunk = load_anatomy(anatomy)
         if not trunk.muscles:
             click.echo(f"{trunk.name} has no muscles.")
             return
         console.print(sign_table(trunk))
         console.print(rank_table(trunk))
-
-
-def _finished(run: str) -> tuple[Path, dict[Path, Plan]]:
-    """Folder of a finished run, given it or a problem's name, and its plans by their folders."""
-    folder = Path(run) if Path(run).is_dir() else Path("results") / run
-    found = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
-    if not found:
-        raise InputError(
-            f"{run}: no finished run here or in {folder}/; expected a folder that solve-motion "
-            "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
-        )
-    return folder, {path.parent: load_plan(path.parent, throw=False) for path in found}
-
-
-@main.command("explain")
-@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
-@click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and no more.")
-def explain_run(run: str, as_json: bool) -> None:
-    """Say why a finished run is what it is.
-
-    Of a plan that failed: which constraints do not hold, where and by how much, which bounds
-    would have to give, how the solve went, what to try next. Of a solved one: what it leans on,
-    and what a little more of each bound would bring. It is kept as diagnosis.json.
-    """
-    console = Console(quiet=as_json, highlight=False)
-    with _clean_errors():
-        _, plans = _finished(run)
-        told = {}
-        for folder, plan in plans.items():
-            with console.status(f"{plan.mode}: asking each bound what it costs"):
-                diagnosis = explain(plan)
-            save_diagnosis(diagnosis, folder)
-            told[folder.name] = diagnosis.as_json()
-            _verdict(console, plan)
-            for line in findings(diagnosis):
-                console.print(line, soft_wrap=True)
-            if diagnosis.history:
-                console.print(history_table(diagnosis))
-            if sentences := effects(diagnosis.responses):
-                console.print("If a bound gave by 1 %, all else planned anew around it:")
-                for sentence in sentences:
-                    console.print(f"    {sentence}", soft_wrap=True)
-        if as_json:
-            click.echo(json.dumps(finite(told), indent=2))
-        sys.exit(max(plan.status.exit_code for plan in plans.values()))
-
-
-@main.command("view")
-@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
-@click.option("--no-browser", is_flag=True, help="Only write the page and say where it is.")
-def view(run: str, no_browser: bool) -> None:
-    """Open the page of a finished run in a browser: turn the trunk, play, pick muscles.
-
-    It is one file, motion.html, that needs neither server nor network.
-    """
-    from .drawing import PAGE
-    from .page import write_page
-
-    with _clean_errors():
-        folder, plans = _finished(run)
-        pair = [plan for plan in plans.values() if plan.mode != "receding"] or [*plans.values()]
-        order = sorted(pair, key=lambda plan: plan.mode == "horizon")  # as in solve-motion
-        page = write_page(order[:2], folder / PAGE).resolve()
-        click.echo(str(page))
-        if not no_browser and not webbrowser.open(page.as_uri()):
-            click.echo("No browser was found here; open this file in one.", err=True)
-
-
-@main.command("convert")
-@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
-@click.option(
-    "--to",
-    "kinds",
-    type=click.Choice(["glb", "vtk", "sto"]),
-    multiple=True,
-    help="Only this; may be repeated.  [default: all]",
-)
-@click.option("--anyway", is_flag=True, help="Even what is not solved and verified.")
-def convert(run: str, kinds: tuple[str, ...], anyway: bool) -> None:
-    """Write a finished run for other programs.
-
-    motion.glb is an animation for Blender and other viewers, vtk/ has a file for each time step
-    for ParaView, activations.sto is for OpenSim. They go beside the results of each plan.
-    """
-    from .exports import write_glb, write_sto, write_vtk
-
-    writers: dict[str, Callable[[Plan, Path], object]] = {
-        "glb": lambda plan, folder: write_glb(plan, folder / "motion.glb"),
-        "vtk": lambda plan, folder: write_vtk(plan, folder / "vtk"),
-        "sto": lambda plan, folder: write_sto(plan, folder / "activations.sto"),
-    }
-    with _clean_errors():
-        _, plans = _finished(run)
-        for folder, plan in plans.items():
-            if plan.status is not Status.SOLVED and not anyway:
-                raise InputError(
-                    f"{folder}: {plan.status.value}; expected a solved plan. See why with "
-                    f"trunk-ocp explain {run}, or convert it --anyway."
-                )
-        for folder, plan in plans.items():
-            for kind in kinds or writers:
-                writers[kind](plan, folder)
-            click.echo(f"{folder}/: {', '.join(kinds or writers)}")
-
-
-@main.command("redundancy")
-@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
-@click.option("--needed", "ask", is_flag=True, help="Also plan without each muscle: minutes.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Where results go, in a folder for each plan.  [default: beside the plans]",
-)
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
-def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
-    """Tell which muscles a finished run determines, and what the others could do.
-
-    The range of each muscle that leaves the motion as it is, the same motion with least effort,
-    least peak and fewest muscles, and with --needed how much worse it gets without each muscle.
-    Writes redundancy.json and figures/redundancy.
-    """
-    console = Console(highlight=False)
-    with _clean_errors():
-        folder, plans = _finished(run)
-        for own, plan in plans.items():
-            place = out / own.relative_to(folder) if out else own
-            with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
-                found = redundancy(plan)
-            if ask and plan.near:
-                console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
-            elif ask:
-                found = replace(found, needs=_needs(plan, console))
-            write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
-            console.print(redundancy_table(found))
-            console.print(version_table(found))
-            if not no_figures:
-                from .figures import FORMATS
-                from .figures.redundancy import draw_redundancy
-
-                draw_redundancy(found, place / "figures", FORMATS)
-            console.print(f"Results are in {place}/", soft_wrap=True)
-
-
-def _needs(plan: Plan, console: Console) -> tuple[Need, ...]:
-    """What a motion is like without each muscle, with a line that says how far this is."""
-    with console.status("planning without each muscle") as line:
-
-        def show(done: int, total: int, need: Need) -> None:
-            line.update(f"planning without each muscle: {done} of {total}")
-
-        return needed(plan, progress=show)
 
 
 @main.command("schema")
@@ -480,3 +302,5 @@ def schema() -> None:
 
 
 main.add_command(solve)
+for command in (explain_run, view, convert, redundant, compare_ways, survey_limits, many_starts):
+    main.add_command(command)

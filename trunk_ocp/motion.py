@@ -126,6 +126,38 @@ class Motion:
         steps = (replace(s, targets=tuple(moved(t) for t in s.targets)) for s in self.steps)
         return replace(self, steps=tuple(steps))
 
+    def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
+        """The same motion with weaker or slower muscles; its own narrower bounds stay.
+
+        Parameters
+        ----------
+        activation : float, optional
+            Largest |gamma| of any muscle.
+        rate : float, optional
+            Largest |change of gamma| in 1/s, over each time step as a whole, the one from rest to
+            step 1 included. A rate, not a change, for time steps differ in length. Interpolation
+            in between may be faster for a while, `cosine` by pi / 2.
+
+        Raises
+        ------
+        InputError
+            If a limit is not positive, or leaves a muscle no activation that is allowed.
+        """
+        for name, value in (("activation", activation), ("rate", rate)):
+            if value is not None and not value > 0:
+                raise InputError(f"{name} = {value:g}: expected a limit above 0.")
+        most = math.inf if activation is None else activation
+        fastest = math.inf if rate is None else rate
+        steps = (
+            replace(
+                step,
+                box=_narrowed(step.box, most, self.trunk),
+                change=_narrowed(step.change, fastest * step.duration, self.trunk),
+            )
+            for step in self.steps
+        )
+        return replace(self, steps=tuple(steps), box=_narrowed(self.box, most, self.trunk))
+
     @cached_property
     def held(self) -> tuple[Held, ...]:
         """Every direction that some step takes from an earlier one."""
@@ -162,6 +194,18 @@ def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
     reach = np.append(np.full(near.size - 2, deviation), [head, head])
     near = np.clip(near, lower, upper)  # Ipopt may end a trifle beyond
     return Box(np.maximum(lower, near - reach), np.minimum(upper, near + reach))
+
+
+def _narrowed(box: Box, most: float, trunk: Trunk) -> Box:
+    """A box of unknowns with activations, or their changes, cut to -most ... most."""
+    size = np.append(np.full(len(trunk.muscles), most), [np.inf, np.inf])
+    lower, upper = np.maximum(box.lower, -size), np.minimum(box.upper, size)
+    for i in np.flatnonzero(lower > upper).tolist():
+        raise InputError(
+            f"activation = {most:g}: {trunk.muscles[i]} must be between {box.lower[i]:g} and "
+            f"{box.upper[i]:g} in this motion; expected a limit that leaves it some of that."
+        )
+    return Box(lower, upper)
 
 
 def problems_folder() -> Path:

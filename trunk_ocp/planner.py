@@ -184,6 +184,38 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
 
 
+def plan_from(
+    motion: Motion,
+    x: np.ndarray,
+    lookahead: int | None = None,
+    options: Options | None = None,
+    reporter: Reporter | None = None,
+) -> Plan:
+    """The plan that one solve of each window from given unknowns leads to, good or bad.
+
+    `plan_motion` looks for a good plan; this is for asking how many there are.
+
+    Parameters
+    ----------
+    x : (H, muscles + 2)
+        Activations and head angles of all time steps; brought within bounds first.
+    """
+    began = time.perf_counter()
+    options, (mode, lookahead) = options or Options(), mode_of(motion, lookahead)
+    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter or Reporter())
+    mesh = first_mesh(motion, options)
+    plan = Pass(motion, mesh, mode, lookahead, options, optimiser, guess=x).run()
+    return replace(
+        plan,
+        iterations=optimiser.iterations,
+        setup_seconds=optimiser.setup_seconds,
+        solve_seconds=optimiser.solve_seconds,
+        derivative_seconds=optimiser.derivative_seconds,
+        total_seconds=time.perf_counter() - began,
+        solves=tuple(optimiser.solves),
+    )
+
+
 def first_mesh(motion: Motion, options: Options) -> Mesh:
     """Mesh to try first: some 24 Gauss points along the trunk, of a degree from 3 to 6."""
     coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
@@ -193,7 +225,10 @@ def first_mesh(motion: Motion, options: Options) -> Mesh:
 
 @dataclass
 class Pass:
-    """One pass over a motion with a given lookahead."""
+    """One pass over a motion with a given lookahead.
+
+    With a `guess` (all steps, muscles + 2), each window is solved from there alone.
+    """
 
     motion: Motion
     mesh: Mesh
@@ -203,6 +238,7 @@ class Pass:
     optimiser: Optimiser
     start: Plan | None = None
     checkpoint: Checkpoint | None = None
+    guess: np.ndarray | None = None
 
     @property
     def unknowns(self) -> int:
@@ -307,6 +343,9 @@ class Pass:
         self, first: int, last: int, previous: np.ndarray | None
     ) -> Iterator[tuple[str, np.ndarray]]:
         """Where the solve of a window starts: (name, unknowns of its steps)."""
+        if self.guess is not None:
+            yield "given unknowns", self.guess[first:last]
+            return
         if previous is not None:
             yield "window before", np.vstack([previous[1:], previous[-1:]])
             return
@@ -328,7 +367,7 @@ class Pass:
         if step.auxiliary is None:
             state.auxiliary = None
             window = self.window(first, [step], state)
-            return window, self._solve(window, before[None], named)
+            return window, self._solve(window, self._guess(first, before), named)
         guess = self._auxiliary(first, f"{named}, unloaded", state)
         loaded = step
         if step.auxiliary.binds:
@@ -337,6 +376,10 @@ class Pass:
             loaded = replace(step, box=box, change=_anything(self.unknowns))
         window = self.window(first, [loaded], state)
         return window, self._solve(window, guess[None], named)
+
+    def _guess(self, first: int, otherwise: np.ndarray) -> np.ndarray:
+        """Where the solve of one step starts, (1, muscles + 2)."""
+        return otherwise[None] if self.guess is None else self.guess[first : first + 1]
 
     def _auxiliary(self, first: int, named: str, state: State) -> np.ndarray:
         """Optimum of a step without loads, from and near the unloaded one before it."""
@@ -354,7 +397,7 @@ class Pass:
         window = Window(
             self.motion, self.mesh, [alone], reference, state.held, first, self.options.weights
         )
-        outcome = self._solve(window, reference[None], named)
+        outcome = self._solve(window, self._guess(first, reference), named)
         if not outcome.converged and not outcome.stopped:
             again = self._solve(window, np.zeros((1, self.unknowns)), named)
             outcome = again if rank(again) < rank(outcome) else outcome

@@ -15,14 +15,18 @@ from rich.status import Status as Spinner
 from rich.table import Table
 
 from .anatomy import Trunk
+from .comparison import DEFINITIONS, measure
 from .diagnosis import Diagnosis
+from .foresight import SHARE, Foresight
 from .motion import Motion
+from .optima import SAME, Optima, distance
 from .redundancy import Redundancy
 from .redundancy.bands import AT_REST
 from .redundancy.report import cost, largest
 from .reporting import Progress, Reporter
 from .solution import Plan
 from .tables import MEASURES, ranks, signs
+from .verification import SLACK
 
 COLUMNS = (
     "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
@@ -169,12 +173,7 @@ def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
             yield f"  [bold]{escape(finding.advice)}[/]"
 
 
-UNITS = {
-    "worst_position_error": (1e3, "mm"),
-    "mean_position_error": (1e3, "mm"),
-    "squared_rate": (1.0, "1/s"),
-    "seconds": (1.0, "s"),
-}
+MILLIMETRES = ("worst_position_error", "mean_position_error")
 
 
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
@@ -185,9 +184,102 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
         table.add_column(mode, justify="right")
     table.add_column("unit")
     for name in next(iter(figures.values())):
-        scale, unit = UNITS.get(name, (1.0, ""))
-        values = (f"{scale * plan[name]:.5g}" for plan in figures.values())
-        table.add_row(name.replace("_", " "), *values, unit)
+        millimetres = name in MILLIMETRES
+        unit = "mm" if millimetres else DEFINITIONS[name][0]
+        values = (plan[name] for plan in figures.values())
+        cells = (
+            value if isinstance(value, str) else f"{1e3 * value if millimetres else value:.5g}"
+            for value in values
+        )
+        table.add_row(name.replace("_", " "), *cells, unit)
+    return table
+
+
+def foresight_table(result: Foresight) -> Table:
+    """One row for each way of planning a motion; comparison.json has more, and definitions."""
+    sufficient = result.curve.sufficient
+    least = result.curve.best.objective.total
+    table = Table(
+        title=f"{result.motion.name}: what foresight is worth",
+        caption=f"{sufficient} steps ahead suffice, to {SHARE:.0%} of the best horizon's objective"
+        if sufficient
+        else "No lookahead suffices.",
+        box=SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+    )
+    for name in (
+        "way", "status", "cost\n/best", "J", "worst\nmm", "effort", "rate\n1/s", "vari-\nation",
+        "max\nstep", "turns", "sat.\ns", "over", "s",
+    ):  # fmt: skip
+        left = name in ("way", "status")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    for name, m in result.measures.items():
+        table.add_row(
+            name.replace("paper, ", "").replace("lookahead", "ahead"),
+            m.status,
+            f"{m.planner_objective / least:.3f}",
+            f"{m.paper_objective:.3g}",
+            f"{1e3 * m.worst_position_error:.3g}",
+            f"{m.squared_activation:.4g}",
+            f"{m.squared_rate:.3g}",
+            f"{m.total_variation:.3g}",
+            f"{m.largest_change:.2g}",
+            str(m.reversals),
+            f"{m.time_at_bound:.2g}",
+            f"{m.change_excess:.1g}" if m.change_excess > SLACK else "-",
+            f"{m.seconds:.1f}",
+        )
+    return table
+
+
+def survey_table(data: dict[str, Any]) -> Table:
+    """One row for each pair of limits: blind against the best horizon."""
+    table = Table(title=f"{data['problem']}: foresight under limits", box=SIMPLE_HEAD)
+    for name in (
+        "|activation|\nat most", "rate\nat most, 1/s", "blind\nstatus", "horizon\nstatus",
+        "blind\nworst, mm", "horizon\nworst, mm", "objective\nblind / best", "steps ahead\nsuffice",
+    ):  # fmt: skip
+        table.add_column(name, justify="right")
+    for cell in data["cells"]:
+        limits, blind, best = cell["limits"], cell["lookaheads"]["1"], cell["best"]
+        table.add_row(
+            *("-" if limits[key] is None else f"{limits[key]:g}" for key in limits),
+            blind["status"],
+            best["status"],
+            f"{1e3 * blind['worst_position_error']:.4g}",
+            f"{1e3 * best['worst_position_error']:.4g}",
+            f"{blind['planner_objective'] / best['planner_objective']:.4g}",
+            str(cell["sufficient_lookahead"] or "-"),
+        )
+    return table
+
+
+def optima_table(found: Optima) -> Table:
+    """One row for each distinct optimum, the best first."""
+    verdict = "is the best found" if found.reported_is_best else "is NOT the best found"
+    failed = f"; {len(found.failed)} found nothing" if found.failed else ""
+    table = Table(
+        title=f"{found.reported.motion.name}, {found.reported.mode}: distinct local optima",
+        caption=f"{len(found.plans)} starts{failed}. The reported plan {verdict}. "
+        f"Plans within {SAME:g} in every activation and angle (rad) count as one.",
+        box=SIMPLE_HEAD,
+    )
+    for name in ("objective", "J", "worst, mm", "away", "status", "found from"):
+        table.add_column(name, justify="left" if name == "found from" else "right")
+    best = found.distinct[0].plan if found.distinct else found.reported
+    for optimum in found.distinct:
+        m = measure(optimum.plan)
+        starts = optimum.starts
+        some = ", ".join(starts[:3]) + (f" and {len(starts) - 3} more" if len(starts) > 3 else "")
+        table.add_row(
+            f"{m.planner_objective:.6g}",
+            f"{m.paper_objective:.4g}",
+            f"{1e3 * m.worst_position_error:.4g}",
+            f"{distance(optimum.plan.x, best.x):.3g}",
+            m.status,
+            some,
+        )
     return table
 
 
@@ -234,8 +326,8 @@ def version_table(found: Redundancy) -> Table:
     table = Table(title="the same shapes", box=SIMPLE_HEAD)
     table.add_column("version")
     costs = {name: cost(version) for name, version in found.versions.items()}
-    for measure in costs["plan"]:
-        table.add_column(measure.replace("_", "\n"), justify="right")
+    for name in costs["plan"]:
+        table.add_column(name.replace("_", "\n"), justify="right")
     for name, values in costs.items():
         table.add_row(name, *(f"{value:.5g}" for value in values.values()))
     return table

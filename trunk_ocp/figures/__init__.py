@@ -9,16 +9,27 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..anatomy import Trunk
+from ..foresight import Foresight
 from ..solution import Plan
 from .activations import draw_activations
 from .anatomy import draw_anatomy as _draw_anatomy
 from .comparison import draw_two_plans
 from .errors import draw_errors
 from .film import write_film
+from .foresight import draw_foresight as _draw_foresight
+from .foresight import draw_front, draw_survey
 from .muscles import draw_muscles
 from .shapes import draw_shapes
 
-__all__ = ["draw", "draw_anatomy", "draw_comparison", "write_film"]
+__all__ = [
+    "draw",
+    "draw_anatomy",
+    "draw_comparison",
+    "draw_foresight",
+    "draw_front",
+    "draw_survey",
+    "write_film",
+]
 
 FORMATS = ("pdf", "png")
 PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # what takes longest first
@@ -51,3 +62,13 @@ def draw_anatomy(trunk: Trunk, folder: str | Path, formats: Sequence[str] = FORM
     Returns the files written.
     """
     return _draw_anatomy(trunk, Path(folder), formats)
+
+
+def draw_foresight(
+    result: Foresight, folder: str | Path, formats: Sequence[str] = FORMATS
+) -> list[Path]:
+    """Draw what `foresight` found: costs against lookahead, and each way of planning over time.
+
+    Returns the files written.
+    """
+    return _draw_foresight(result, Path(folder), formats)

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..colours import group_colours, groups
+from ..limits import limits, touching
 from ..motion import HEAD_LIMIT, Motion
 from ..solution import Plan
 from . import style
 from .instants import curve_times, curves, end_of
-from .limits import limits, touching
 
 HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nupwards, $\\psi_Y$ (°)")
 

@@ -13,11 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ..colours import group_colours, groups
+from ..comparison import time_at_bounds
+from ..limits import limits, touching
 from ..solution import Plan
 from . import style
 from .activations import draw_bounds
 from .instants import curve_times, curves, end_of, trajectory
-from .limits import limits, touching
 
 SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
 
@@ -28,16 +29,6 @@ def draw_two_plans(
     """Draw two plans of one motion over each other; activations and J_T have no unit (eq. 42)."""
     with style.styled():
         return style.save(picture(sequential, horizon), folder, "comparison", formats)
-
-
-def time_at_bounds(plan: Plan) -> float:
-    """Time in s that muscles are at their bound of contraction, summed over muscles.
-
-    Each time step counts for its duration.
-    """
-    below, _ = touching(plan)
-    durations = [step.duration for step in plan.motion.steps[: len(plan.x)]]
-    return float(below[:, :-2].sum(axis=1) @ np.array(durations))
 
 
 def picture(sequential: Plan, horizon: Plan) -> Figure:

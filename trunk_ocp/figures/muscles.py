@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from ..anatomy import Trunk
 from ..colours import group_colours, groups
 from ..geometry import muscle_body
+from ..limits import limits
 from ..solution import Plan
 from . import style
 from .instants import Instant, end_of, instants, through
-from .limits import limits
 from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..solution import Plan
+from .solution import Plan
 
 TOUCH = 1e-3  # of the room between two bounds; an interior-point method never quite arrives
 

@@ -1,0 +1,207 @@
+"""What foresight is worth: costs against lookahead; each way of planning over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from ..comparison import Measures
+from ..foresight import Foresight
+from ..limits import touching
+from ..solution import Plan, Status
+from . import style
+
+PAPER, COSTED, BLIND, HORIZON = "#D55E00", "#E69F00", "#56B4E9", "#000000"
+CURVES = (
+    ("planner_objective", "planner's objective (no unit)"),
+    ("paper_objective", "J of eq. (42), summed\n(no unit)"),
+    ("total_variation", "total variation of\nactivations (no unit)"),
+)
+SOLVED = Status.SOLVED.name.lower()
+
+
+def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw costs against lookahead, and four ways of planning over time."""
+    with style.styled():
+        return style.save(picture(result), folder, "comparison", formats)
+
+
+def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw what `survey` found: objective over the best one's against lookahead, for each limit."""
+    with style.styled():
+        return style.save(survey_picture(data), folder, f"foresight-{data['problem']}", formats)
+
+
+def draw_front(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
+    """Draw what `front` found: tracking against smoothness, blind and with a horizon."""
+    with style.styled():
+        return style.save(front_picture(data), folder, f"front-{data['problem']}", formats)
+
+
+def picture(result: Foresight) -> Figure:
+    """The figure that `draw_foresight` writes."""
+    height = 112.0
+    figure = style.new_figure(height)
+    style.headline(figure, f"{style.title(result.motion)}: what foresight is worth{_said(result)}")
+    panels = figure.subplots(2, 3)
+    figure.subplots_adjust(
+        left=0.09, right=0.985, top=1 - 18 / height, bottom=10 / height, wspace=0.42, hspace=0.32
+    )
+    for axes, (name, label) in zip(panels[0], CURVES, strict=True):
+        _against_lookahead(axes, result, name)
+        axes.set_ylabel(label)
+    ways = _ways(result)
+    _over_time(list(panels[1]), list(ways.values()))
+    lines = [Line2D([], [], color=colour, label=name) for name, (_, colour) in ways.items()]
+    marks: list[Artist] = [
+        Line2D([], [], color=style.INK, marker="o", markersize=3, label="all targets reached"),
+        Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
+               label="some target missed, or not solved"),
+    ]  # fmt: skip
+    style.legend_above(figure, lines, [*marks, *style.phase_keys(result.motion)])
+    return figure
+
+
+def _said(result: Foresight) -> str:
+    """The limits, in words."""
+    activation, rate = result.limits["activation"], result.limits["rate"]
+    words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
+    words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
+    return f" ({', '.join(words)})" if words else ""
+
+
+def _ways(result: Foresight) -> dict[str, tuple[Plan, str]]:
+    """The plans that are drawn over time, and their colours."""
+    return {
+        "the paper's way: tracking only": (result.paper, PAPER),
+        "the same with running cost": (result.paper_costed, COSTED),
+        "blind, horizon's bounds": (result.curve.blind, BLIND),
+        "horizon": (result.curve.best, HORIZON),
+    }
+
+
+def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
+    """One measure of all lookaheads; the paper's ways and the best horizon as lines."""
+    lookaheads = list(result.curve.plans)
+    some = [result.measures[f"lookahead {H}"] for H in lookaheads]
+    values = [float(getattr(measures, name)) for measures in some]
+    axes.plot(lookaheads, values, color=style.INK, zorder=3, gid=name)
+    _marks(axes, lookaheads, values, [m.status for m in some])
+    for way, colour in (("paper", PAPER), ("paper, same cost", COSTED)):
+        axes.axhline(float(getattr(result.measures[way], name)), color=colour, zorder=2, gid=way)
+    best: Measures | None = result.measures.get("best horizon")
+    if best is not None:
+        axes.axhline(float(getattr(best, name)), **style.BOUND)
+    axes.set_xlabel("lookahead (time steps)")
+    axes.set_ylim(0, 1.05 * axes.get_ylim()[1])
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+
+
+def _marks(
+    axes: Axes,
+    lookaheads: Sequence[int],
+    values: Sequence[float],
+    statuses: Sequence[str],
+    colour: Any = style.INK,
+) -> None:
+    """A filled circle where all targets are reached, an open one elsewhere."""
+    for H, value, status in zip(lookaheads, values, statuses, strict=True):
+        face = colour if status == SOLVED else "white"
+        axes.plot(H, value, "o", color=colour, markerfacecolor=face, markersize=3, zorder=4)
+
+
+def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
+    labels = (
+        "$J_T$ of eq. (42) (no unit)",
+        "fastest change of an\nactivation (1/s)",
+        "muscles at their bound\nof contraction (count)",
+    )
+    motion = ways[0][0].motion
+    for axes, label in zip(panels, labels, strict=True):
+        style.shade_phases(axes, motion, motion.steps[-1].time)
+        axes.set_xlabel("time (s)")
+        axes.set_ylabel(label)
+    for plan, colour in ways:
+        times = plan.motion.times[: len(plan.x)]
+        cost = np.array([error.paper for error in plan.errors])
+        # From rest to the first step is no change of mind.
+        change = np.abs(np.diff(plan.activations, axis=0)).max(axis=1, initial=0.0)
+        rate = change / [step.duration for step in plan.motion.steps[1 : len(plan.x)]]
+        at_bound = touching(plan)[0][:, :-2].sum(axis=1)
+        for axes, values in zip(panels, (cost, rate, at_bound), strict=True):
+            at = times[len(times) - len(values) :]
+            axes.plot(at, values, "o-", color=colour, markersize=2.5, clip_on=False, zorder=3)
+    for axes in panels:
+        axes.set_ylim(bottom=0)
+    panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
+
+
+def survey_picture(data: Mapping[str, Any]) -> Figure:
+    """The figure that `draw_survey` writes."""
+    cells = data["cells"]
+    height = 78.0
+    figure = style.new_figure(height)
+    style.headline(figure, f"{style.plain(data['problem'])}: how many steps ahead suffice")
+    left, right = figure.subplots(1, 2)
+    figure.subplots_adjust(
+        left=0.08, right=0.8, top=1 - 8 / height, bottom=10 / height, wspace=0.28
+    )
+    colours = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
+    handles: list[Artist] = []
+    for cell, colour in zip(cells, colours, strict=False):
+        plans = cell["lookaheads"]
+        lookaheads = [int(H) for H in plans]
+        statuses = [plan["status"] for plan in plans.values()]
+        least = cell["best"]["planner_objective"]
+        excess = [100 * (plan["planner_objective"] / least - 1) for plan in plans.values()]
+        worst = [1e3 * plan["worst_position_error"] for plan in plans.values()]
+        for axes, values in ((left, excess), (right, worst)):
+            axes.plot(lookaheads, values, color=colour, zorder=3)
+            _marks(axes, lookaheads, values, statuses, colour)
+        label = _limits_said(cell["limits"])
+        handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
+    left.axhline(1.0, **style.BOUND)
+    left.set_yscale("symlog", linthresh=1.0)
+    left.set_ylim(bottom=0)
+    left.set_ylabel("objective over the best horizon's (%)")
+    right.set_yscale("log")
+    right.set_ylabel("worst distance to a target (mm)")
+    for axes in (left, right):
+        axes.set_xlabel("lookahead (time steps)")
+        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.81, 0.5))
+    return figure
+
+
+def _limits_said(limits: Mapping[str, float | None]) -> str:
+    words = [f"|act.| $\\leq$ {limits['activation']:g}"] if limits["activation"] else []
+    words += [f"rate $\\leq$ {limits['rate']:g}/s"] if limits["rate"] else []
+    return ", ".join(words) or "the motion's own bounds"
+
+
+def front_picture(data: Mapping[str, Any]) -> Figure:
+    """The figure that `draw_front` writes."""
+    height = 70.0
+    figure = style.new_figure(height, 90.0)
+    style.headline(figure, f"{style.plain(data['problem'])}: tracking against smoothness")
+    axes = figure.subplots()
+    figure.subplots_adjust(left=0.16, right=0.97, top=1 - 8 / height, bottom=11 / height)
+    for way, colour in (("blind", BLIND), ("horizon", HORIZON)):
+        rate = [plan["squared_rate"] for plan in data[way]]
+        tracking = [plan["tracking"] for plan in data[way]]
+        axes.plot(rate, tracking, "o-", color=colour, markersize=3, label=way, gid=way)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("integral of squared rates (1/s)")
+    axes.set_ylabel("tracking: weighted squared distances (no unit)")
+    axes.legend()
+    return figure

@@ -1,0 +1,101 @@
+"""The other hand: a motion and its plan seen in a mirror, the plane Y = 0.
+
+Muscles swap sides and psi_Z changes its sign. Positions, forces, d1 and d3 are reflected; d2 and
+couples, which a right-handed frame makes of two of these, are reflected and reversed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .anatomy import Trunk
+from .errors import InputError
+from .loads import Loads, Vector, vector
+from .motion import Box, Motion, Step
+from .targets import Direction, Held, Target
+
+REFLECT = np.array([1.0, -1.0, 1.0])
+
+
+def mirror_order(trunk: Trunk) -> np.ndarray:
+    """Index (muscles,) of each muscle's partner on the other side.
+
+    Raises
+    ------
+    InputError
+        If a muscle has none, or the head at rest looks to one side.
+    """
+    if trunk.head.xi_z != 0:
+        raise InputError(f"{trunk.name}: its head is no mirror image of itself (xi_z_deg).")
+    places = {name: index for index, name in enumerate(trunk.muscles)}
+    partners = [{"R": "L", "L": "R"}[m.side] + m.name[1:] for m in trunk.subdomains]
+    for name, partner in zip(trunk.muscles, partners, strict=True):
+        if partner not in places:
+            raise InputError(f"{trunk.name}: {name} has no partner {partner} on the other side.")
+    return np.array([places[partner] for partner in partners], dtype=int)
+
+
+def mirrored_unknowns(trunk: Trunk, x: np.ndarray) -> np.ndarray:
+    """Activations and head angles (..., muscles + 2) in the mirror."""
+    count = len(trunk.muscles)
+    order = np.concatenate([mirror_order(trunk), [count, count + 1]]).astype(int)
+    image = np.array(x, dtype=float)[..., order]
+    image[..., -2] *= -1
+    return image
+
+
+def mirrored_motion(motion: Motion) -> Motion:
+    """The same motion to the other side: targets, loads and bounds."""
+    return replace(
+        motion,
+        steps=tuple(_step(motion.trunk, step) for step in motion.steps),
+        box=_box(motion.trunk, motion.box),
+    )
+
+
+def _step(trunk: Trunk, step: Step) -> Step:
+    pull = step.pull
+    if pull is not None and pull[1].director == 1:
+        pull = (-pull[0], pull[1])  # the direction it is held along is d2 of the mirror image
+    return replace(
+        step,
+        targets=tuple(_target(target) for target in step.targets),
+        loads=_loads(step.loads),
+        pull=pull,
+        box=_box(trunk, step.box),
+        change=_box(trunk, step.change),
+    )
+
+
+def _target(target: Target) -> Target:
+    d1, d2, d3 = (
+        _direction(d, sign) for d, sign in zip(target.directions, (1, -1, 1), strict=True)
+    )
+    position = None if target.position is None else vector(REFLECT * target.position)
+    return replace(target, position=position, directions=(d1, d2, d3))
+
+
+def _direction(direction: Direction | None, sign: int) -> Direction | None:
+    if direction is None or isinstance(direction, Held):
+        return direction
+    return vector(sign * REFLECT * direction)
+
+
+def _loads(loads: Loads) -> Loads:
+    def polar(force: Vector) -> Vector:
+        return vector(REFLECT * force)
+
+    return replace(
+        loads,
+        tip_force=polar(loads.tip_force),
+        contact_force=polar(loads.contact_force),
+        contact_couple=vector(-REFLECT * loads.contact_couple),
+    )
+
+
+def _box(trunk: Trunk, box: Box) -> Box:
+    lower, upper = mirrored_unknowns(trunk, box.lower), mirrored_unknowns(trunk, box.upper)
+    lower[-2], upper[-2] = upper[-2], lower[-2]
+    return Box(lower, upper)
