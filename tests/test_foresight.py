@@ -93,6 +93,11 @@ def test_every_lookahead_is_its_quadratic_programmes(lookahead):
     assert plan.objective.total == pytest.approx(cost(gamma, WANTED, 0.0), rel=1e-4)
 
 
+def test_a_good_start_is_no_foresight():
+    """The toy has one optimum: shown where the horizon is, the blind solve ends as before."""
+    np.testing.assert_allclose(toy().curve.shown.x, toy().curve.blind.x, atol=2e-4)
+
+
 def test_the_lookahead_that_suffices_is_found():
     costs = [cost(receding(WANTED, H), WANTED, 0.0) for H in range(1, len(WANTED) + 1)]
     enough = next(H for H, value in enumerate(costs, 1) if value <= 1.01 * costs[-1])
@@ -158,6 +163,7 @@ def test_all_objectives_are_by_the_same_weights():
     assert measures["paper"].planner_objective == pytest.approx(expected, rel=1e-12)
     assert list(measures) == [
         "paper", "paper, same cost", "lookahead 1", "lookahead 2", "lookahead 3",
+        "blind from best",
     ]  # fmt: skip
 
 
@@ -179,7 +185,7 @@ def made_up(totals, sounds):
         H: SimpleNamespace(objective=SimpleNamespace(total=total), converged=good, verified=True)
         for H, (total, good) in enumerate(zip(totals, sounds, strict=True), 1)
     }
-    return Curve(shortening(WANTED[: len(totals)]), plans, plans[len(totals)])
+    return Curve(shortening(WANTED[: len(totals)]), plans, plans[len(totals)], plans[1])
 
 
 def test_only_sound_plans_suffice():

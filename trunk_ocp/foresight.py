@@ -21,7 +21,7 @@ from .comparison import DEFINITIONS, REVERSAL, Measures, measure
 from .errors import InputError
 from .motion import Motion
 from .parallel import Done, run
-from .planner import Options, plan_motion
+from .planner import Options, plan_from, plan_motion
 from .reporting import Reporter
 from .solution import Plan
 from .transcription import Weights
@@ -55,11 +55,15 @@ class Curve:
     best : Plan
         The best horizon known: that of `plans`, or another one that starts from a receding plan
         that beats it. All are local optima.
+    shown : Plan
+        Blind once more, each step's solve started where the best horizon has that step. What is
+        still missing then is for want of foresight; what is not was for want of a good start.
     """
 
     motion: Motion
     plans: Mapping[int, Plan]
     best: Plan
+    shown: Plan
 
     @property
     def blind(self) -> Plan:
@@ -95,6 +99,7 @@ class Curve:
         return {
             "lookaheads": {str(H): asdict(measure(plan)) for H, plan in self.plans.items()},
             "best": asdict(measure(self.best)),
+            "blind_from_best": asdict(measure(self.shown)),
             "sufficient_lookahead": self.sufficient,
             "worse_than_blind": self.worse_than_blind,
         }
@@ -140,6 +145,7 @@ class Foresight:
         plans |= {f"lookahead {H}": plan for H, plan in curve.plans.items()}
         if curve.best is not curve.horizon:
             plans["best horizon"] = curve.best
+        plans["blind from best"] = curve.shown
         return {name: measure(plan, weights) for name, plan in plans.items()}
 
     def as_dict(self) -> dict[str, Any]:
@@ -158,6 +164,8 @@ class Foresight:
                 f"{len(self.motion.steps)} is the horizon",
                 "best horizon": "the horizon once more from the best receding plan; only if that "
                 "is better than from the blind one",
+                "blind from best": "lookahead 1 once more, each step's solve started from the best "
+                "horizon's step: tells a want of foresight from a poor start",
             },
             "measures": {name: asdict(measures) for name, measures in self.measures.items()},
             "sufficient_lookahead": self.curve.sufficient,
@@ -177,6 +185,7 @@ def definitions() -> dict[str, dict[str, str]]:
             "horizon's; null if none is",
         ),
         "worse_than_blind": ("time steps", "lookaheads with a larger objective than lookahead 1"),
+        "blind_from_best": ("", "lookahead 1 with each step's solve started from the best's"),
         "reversal threshold": ("", f"{REVERSAL:g}"),
     }
     return {
@@ -308,9 +317,15 @@ def _curves(
         if start is not some[count]
     ]
     again = iter(run(plan_of, tasks, processes, reporter))
+    best = [
+        start if start is some[count] else next(again)
+        for some, start in zip(found, horizons, strict=True)
+    ]
+    tasks = [(motion, plan, options) for motion, plan in zip(motions, best, strict=True)]
+    shown = run(_blind_from, tasks, processes, reporter)
     curves = [
-        Curve(motion, {H: some[H] for H in chosen}, start if start is some[count] else next(again))
-        for motion, some, start in zip(motions, found, horizons, strict=True)
+        Curve(motion, {H: some[H] for H in chosen}, *pair)
+        for motion, some, *pair in zip(motions, found, best, shown, strict=True)
     ]
     return plans[: len(first)], curves
 
@@ -344,6 +359,12 @@ def plan_of(
 ) -> Plan:
     """`plan_motion`, for a process of its own; the plan has been checked there as well."""
     plan = plan_motion(motion, lookahead, options, reporter, start, throw=False)
+    _ = plan.status  # kept in the plan
+    return plan
+
+
+def _blind_from(motion: Motion, start: Plan, options: Options, reporter: Reporter) -> Plan:
+    plan = plan_from(motion, start.x, 1, options, reporter)
     _ = plan.status  # kept in the plan
     return plan
 

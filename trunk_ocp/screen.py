@@ -234,24 +234,28 @@ def foresight_table(result: Foresight) -> Table:
 
 
 def survey_table(data: dict[str, Any]) -> Table:
-    """One row for each pair of limits: blind against the best horizon."""
-    table = Table(title=f"{data['problem']}: foresight under limits", box=SIMPLE_HEAD)
+    """One row for each pair of limits: blind, blind from the best horizon, the best horizon."""
+    table = Table(
+        title=f"{data['problem']}: foresight under limits",
+        caption="Worst errors in mm; objectives over the best horizon's. A blind solve that is "
+        "better once it starts from the best horizon lacked a start, not foresight.",
+        box=SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+    )
     for name in (
-        "|activation|\nat most", "rate\nat most, 1/s", "blind\nstatus", "horizon\nstatus",
-        "blind\nworst, mm", "horizon\nworst, mm", "objective\nblind / best", "steps ahead\nsuffice",
+        "act.\nmost", "rate\n1/s", "blind", "\nmm", "\n/best", "from\nbest", "\nmm", "\n/best",
+        "best", "\nmm", "steps\nahead",
     ):  # fmt: skip
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", no_wrap=True)
     for cell in data["cells"]:
-        limits, blind, best = cell["limits"], cell["lookaheads"]["1"], cell["best"]
-        table.add_row(
-            *("-" if limits[key] is None else f"{limits[key]:g}" for key in limits),
-            blind["status"],
-            best["status"],
-            f"{1e3 * blind['worst_position_error']:.4g}",
-            f"{1e3 * best['worst_position_error']:.4g}",
-            f"{blind['planner_objective'] / best['planner_objective']:.4g}",
-            str(cell["sufficient_lookahead"] or "-"),
-        )
+        best = cell["best"]
+        row = ["-" if limit is None else f"{limit:g}" for limit in cell["limits"].values()]
+        for plan in (cell["lookaheads"]["1"], cell["blind_from_best"], best):
+            row += [plan["status"], f"{1e3 * plan['worst_position_error']:.4g}"]
+            if plan is not best:
+                row.append(f"{plan['planner_objective'] / best['planner_objective']:.4g}")
+        table.add_row(*row, str(cell["sufficient_lookahead"] or "-"))
     return table
 
 

@@ -12,7 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ..comparison import Measures
 from ..foresight import Foresight
@@ -36,7 +36,7 @@ def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> l
 
 
 def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw what `survey` found: objective over the best one's against lookahead, for each limit."""
+    """Draw what `survey` found: objective and smoothness against lookahead, for each limit."""
     with style.styled():
         return style.save(survey_picture(data), folder, f"foresight-{data['problem']}", formats)
 
@@ -163,8 +163,8 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
         statuses = [plan["status"] for plan in plans.values()]
         least = cell["best"]["planner_objective"]
         excess = [100 * (plan["planner_objective"] / least - 1) for plan in plans.values()]
-        worst = [1e3 * plan["worst_position_error"] for plan in plans.values()]
-        for axes, values in ((left, excess), (right, worst)):
+        variation = [plan["total_variation"] for plan in plans.values()]
+        for axes, values in ((left, excess), (right, variation)):
             axes.plot(lookaheads, values, color=colour, zorder=3)
             _marks(axes, lookaheads, values, statuses, colour)
         label = _limits_said(cell["limits"])
@@ -173,8 +173,9 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
     left.set_yscale("symlog", linthresh=1.0)
     left.set_ylim(bottom=0)
     left.set_ylabel("objective over the best horizon's (%)")
-    right.set_yscale("log")
-    right.set_ylabel("worst distance to a target (mm)")
+    left.yaxis.set_major_formatter("{x:g}")
+    right.set_ylim(bottom=0)
+    right.set_ylabel("total variation of activations (no unit)")
     for axes in (left, right):
         axes.set_xlabel("lookahead (time steps)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
@@ -185,7 +186,7 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
 def _limits_said(limits: Mapping[str, float | None]) -> str:
     words = [f"|act.| $\\leq$ {limits['activation']:g}"] if limits["activation"] else []
     words += [f"rate $\\leq$ {limits['rate']:g}/s"] if limits["rate"] else []
-    return ", ".join(words) or "the motion's own bounds"
+    return ", ".join(words) or "own bounds"
 
 
 def front_picture(data: Mapping[str, Any]) -> Figure:
@@ -201,6 +202,9 @@ def front_picture(data: Mapping[str, Any]) -> Figure:
         axes.plot(rate, tracking, "o-", color=colour, markersize=3, label=way, gid=way)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("integral of squared rates (1/s)")
     axes.set_ylabel("tracking: weighted squared distances (no unit)")
     axes.legend()
