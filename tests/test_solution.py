@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import first_steps, planned
+from plans import TOUCH, first_steps, planned, written
 
 from trunk_ocp.comparison import compare, measure
-from trunk_ocp.motion import Box
+from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status
+from trunk_ocp.statics import solve_statics
 
 
 @pytest.fixture(scope="module")
@@ -186,3 +187,20 @@ def test_largest_change_leaves_out_the_first_step(plan):
     """The motion starts from rest, freely; changes are between planned steps."""
     expected = np.abs(np.diff(plan.activations, axis=0)).max()
     assert measure(plan).largest_change == pytest.approx(expected, rel=1e-14)
+
+
+def test_between_equilibria_the_moving_trunk_stays_on_the_planned_one(tmp_path):
+    """Pushed from below there are several equilibria; from the straight trunk another is found."""
+    text = TOUCH.replace("[-3.0, 0.0]", "[-2.0, 0.0]").replace("[0.6, 0.1, 1.2]", "[0.67, 0, 1.5]")
+    text = text.replace(
+        "[0.67, 1.35]", "[0.67, 1.35]\nhead_z_deg = [-10, 10]\nhead_y_deg = [-5, 5]"
+    )
+    text = text.replace("duration = 1.0", "duration = 1.0\nloads.tip_force = [0, 0, -300.0]")
+    text = text.replace("Z = 1.75", "Z = 1.75\nposition_weight = 8.0")
+    plan = plan_motion(load_motion(written(tmp_path, text)), throw=False)
+    trunk, Z = plan.motion.trunk, np.array([0.9, 1.75])
+    other = solve_statics(trunk, plan.activations[0], plan.head[0], plan.loads[0], plan.mesh)
+    planned_points = plan.shape.position(Z)[0]
+    assert np.abs(other.position(Z) - planned_points).max() > 0.1
+    sample = plan.sample(1.0).shape
+    np.testing.assert_allclose(sample.position(Z), planned_points, rtol=0, atol=1e-6)

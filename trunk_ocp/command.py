@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from .checkpoint import FILE
 from .errors import InputError, TrunkError
 from .interrupts import INTERRUPTED
 from .solution import Plan, Status
@@ -33,8 +34,14 @@ def clean_errors() -> Iterator[None]:
 
 def finished(run: str) -> tuple[Path, dict[Path, Plan]]:
     """Folder of a finished run, given it or a problem's name, and its plans by their folders."""
-    folder = Path(run) if Path(run).is_dir() else Path("results") / run
+    named = Path(run).stem if run.endswith(".toml") else run
+    folder = Path(run) if Path(run).is_dir() else Path("results") / named
     found = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
+    if not found and any(folder.glob(f"*/{Path(FILE).stem}*.npz")):
+        raise InputError(
+            f"{folder}: has an unfinished run only. Go on with it first: the same solve-motion "
+            "command with --resume."
+        )
     if not found:
         raise InputError(
             f"{run}: no finished run here or in {folder}/; expected a folder that solve-motion "

@@ -22,8 +22,9 @@ from .solution import Plan, Status
 from .solver import Solve
 from .threads import one_thread
 from .verification import LARGEST_DIFFERENCE, SLACK
+from .violations import Violation
 
-MOST = 6  # details of one finding that are told
+MOST = 6  # effects that are told
 NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
 LOW_MARGIN = 0.2  # of stability, below which a plan is warned of
 MATTERS = 1e-6  # m; smaller effects of a bound are not told
@@ -41,12 +42,20 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing worth knowing, with its details and what to do about it."""
+    """One thing worth knowing, with its details and what to do about it.
+
+    `items` are the numbers behind the details, where there are any: violations or excesses.
+    """
 
     level: Literal["failure", "warning", "note"]
     what: str
     details: tuple[str, ...] = ()
     advice: str = ""
+    items: tuple[Violation | Excess, ...] = ()
+
+    def __str__(self) -> str:
+        lines = [f"{self.level}: {self.what}", *(f"    {detail}" for detail in self.details)]
+        return "\n".join([*lines, *([f"  {self.advice}"] if self.advice else [])])
 
 
 @dataclass(frozen=True)
@@ -63,6 +72,9 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     history: tuple[tuple[int, float, float, float], ...] = ()
     responses: tuple[Response, ...] = ()
+
+    def __str__(self) -> str:
+        return "\n".join([self.status.value, *map(str, self.findings)])
 
     def as_json(self) -> dict[str, Any]:
         """The same, ready for JSON."""
@@ -107,9 +119,9 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
         return
     if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
-        yield _not_converged(plan, advise=not excesses)
         if excesses:
             yield _contradicting(excesses)
+        yield _not_converged(plan, advise=not excesses)
         return
     if plan.verification.faults:
         yield _unverified(plan)
@@ -119,7 +131,8 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if plan.missed:
         yield _missed(plan)
         if deep:
-            yield _within_reach(reach(plan, reporter))
+            several = sum(len(step.targets) for step in plan.motion.steps) > 1
+            yield _within_reach(reach(plan, reporter), several)
 
 
 def _not_converged(plan: Plan, advise: bool) -> Finding:
@@ -130,13 +143,13 @@ def _not_converged(plan: Plan, advise: bool) -> Finding:
         return Finding("failure", f"not converged, and there is no record why; {kept}")
     meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
     what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
-    told = [str(violation) for violation in solve.violations[:MOST]]
+    told = [str(violation) for violation in solve.violations]
     best = f"kept is the best point met: objective {solve.objective:.3g}"
     if solve.violations:
         best += f", constraints off by {solve.infeasibility:.2g} in units of L, E I(0) / L and 1"
     advice = _next_try(solve, len(plan.motion.steps)) if advise else ""
     told += [best] if solve.history else []
-    return Finding("failure", what, tuple(told), advice)
+    return Finding("failure", what, tuple(told), advice, solve.violations)
 
 
 def _next_try(solve: Solve, steps: int) -> str:
@@ -159,8 +172,9 @@ def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
     return Finding(
         "failure",
         "the bounds exclude each other, whatever is done; the least that would reconcile them:",
-        _some(excesses),
+        tuple(map(str, excesses)),
         "Loosen these in the problem file.",
+        excesses,
     )
 
 
@@ -175,9 +189,9 @@ def _unverified(plan: Plan) -> Finding:
 def _unstable(plan: Plan) -> Finding:
     bad = np.flatnonzero(~plan.stability.stable)
     told = tuple(
-        f"step {t + 1}: {plan.stability.index[t]} directions in which the trunk would fall, "
+        f"step {t + 1}: the trunk would fall in {index} direction{'s' * (index != 1)}, "
         f"margin {plan.stability.margin[t]:.3g}"
-        for t in bad[:MOST].tolist()
+        for t, index in zip(bad.tolist(), plan.stability.index[bad].tolist(), strict=True)
     )
     return Finding(
         "failure",
@@ -189,15 +203,14 @@ def _unstable(plan: Plan) -> Finding:
 
 def _missed(plan: Plan) -> Finding:
     missed = plan.missed
-    more = [f"and {len(missed) - MOST} more"] if len(missed) > MOST else []
     count = "a target is" if len(missed) == 1 else f"{len(missed)} targets are"
     advice = ""
     if plan.mode == "sequential" and len(plan.motion.steps) > 1:
         advice = "The horizon may reach what this blind plan cannot: --mode horizon."
-    return Finding("failure", f"{count} missed", (*missed[:MOST], *more), advice)
+    return Finding("failure", f"{count} missed", tuple(missed), advice)
 
 
-def _within_reach(excesses: tuple[Excess, ...] | None) -> Finding:
+def _within_reach(excesses: tuple[Excess, ...] | None, several: bool) -> Finding:
     if excesses is None:
         return Finding(
             "failure",
@@ -212,17 +225,11 @@ def _within_reach(excesses: tuple[Excess, ...] | None) -> Finding:
             (),
             "Give the missed targets more weight, or start elsewhere (--starts 4).",
         )
-    return Finding(
-        "failure",
-        "all targets would be reached if these bounds gave:",
-        _some(excesses),
-        "Loosen these in the problem file, or move the targets.",
-    )
-
-
-def _some(excesses: tuple[Excess, ...]) -> tuple[str, ...]:
-    more = (f"and {len(excesses) - MOST} more",) if len(excesses) > MOST else ()
-    return (*(str(excess) for excess in excesses[:MOST]), *more)
+    what = "all targets would be reached if these bounds gave:"
+    advice = "Loosen these in the problem file, or move the targets."
+    if several:
+        advice += " A plan may still miss some in favour of others: give those more weight."
+    return Finding("failure", what, tuple(map(str, excesses)), advice, excesses)
 
 
 # --- what a plan leans on ----------------------------------------------------------------
@@ -232,18 +239,19 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     if not len(plan.x):
         return
     pressed = at_bounds(plan)
-    for kind, words in (
-        ("contraction", "muscles contracted as far as they may"),
-        ("extension", "segments at the limit of their extension"),
-        ("head", "head angles at their bounds"),
-        ("change", "changes between steps at their bounds"),
-    ):
+    levels: tuple[tuple[str, Literal["warning", "note"], str], ...] = (
+        ("contraction", "warning", "muscles contracted as far as they may"),
+        ("extension", "warning", "segments at the limit of their extension"),
+        ("head", "note", "head angles at their bounds"),
+        ("change", "note", "changes between steps at their bounds"),
+    )
+    for kind, level, words in levels:
         together: dict[tuple[int, ...], list[str]] = {}
         for name, steps in pressed[kind].items():
             together.setdefault(tuple(steps), []).append(name)
         told = tuple(f"{', '.join(names)}: {said(steps)}" for steps, names in together.items())
         if told:
-            yield Finding("warning", words, told)
+            yield Finding(level, words, told)
     if not plan.converged:
         return
     margin = plan.stability.margin

@@ -9,6 +9,7 @@ as constraints. A price per unit (an l1 penalty) leaves all bounds alone that ne
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,7 @@ from .terms import weighted
 from .transcription import Weights, Window
 
 PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
+ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
 SMALLEST = 1e-3  # share of the range, below which an excess is the optimiser's inaccuracy
 EXACT = 1e-6  # the same for the linear programme
 ITERATIONS = 200
@@ -60,8 +62,16 @@ class Excess:
     def __str__(self) -> str:
         bound = self.bound
         unit = f" {bound.unit}" if bound.unit else ""
-        to = bound.value + bound.sign * self.amount
+        to = outwards(bound.value + bound.sign * ROOM * self.amount, bound.sign)
         return f"{bound.name} ({said(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
+
+
+def outwards(value: float, sign: int) -> float:
+    """A number of four digits, rounded down or up by the sign, for a bound to be set to."""
+    if value == 0:
+        return 0.0
+    step = 10.0 ** (math.floor(math.log10(abs(value))) - 3)
+    return (math.floor if sign < 0 else math.ceil)(value / step) * step
 
 
 def said(steps: Sequence[int]) -> str:

@@ -32,6 +32,7 @@ COLUMNS = (
     "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
     "psi_Y\ndeg", "check\nmm",
 )  # fmt: skip
+MOST_DETAILS = 6  # of a finding, at the end of a run
 LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
 
 
@@ -160,7 +161,7 @@ def history_table(diagnosis: Diagnosis) -> Table:
 
 
 def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
-    """The findings of a diagnosis as lines; `brief` puts all but failures in one line each."""
+    """The findings of a diagnosis as lines; `brief` leaves the long tail to `trunk-ocp explain`."""
     colours = {"failure": "red", "warning": "yellow", "note": "cyan"}
     for finding in diagnosis.findings:
         head = f"[{colours[finding.level]}]{finding.level}[/]: {escape(finding.what)}"
@@ -168,7 +169,10 @@ def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
             yield f"{head}: {escape('; '.join(finding.details))}"
             continue
         yield head
-        yield from (f"    {escape(detail)}" for detail in finding.details)
+        told = finding.details[:MOST_DETAILS] if brief else finding.details
+        yield from (f"    {escape(detail)}" for detail in told)
+        if len(told) < len(finding.details):
+            yield f"    and {len(finding.details) - len(told)} more, told by trunk-ocp explain"
         if finding.advice:
             yield f"  [bold]{escape(finding.advice)}[/]"
 

@@ -157,11 +157,7 @@ class Plan:
 
     def part(self, first: int, last: int) -> Shape:
         """Planned shapes of steps first to last - 1, counted from 0."""
-        some = slice(first, last)
-        shape = self.shape
-        return replace(
-            shape, states=shape.states[some], edges=shape.edges[some], slopes=shape.slopes[some]
-        )
+        return self.shape[first:last]
 
     @cached_property
     def loads(self) -> tuple[Loads, ...]:
@@ -273,7 +269,10 @@ class Plan:
         V, W, couple = (vector(v) for v in at[count + 2 :].reshape(3, 3))
         loads = Loads(self.motion.gravity, V, self.motion.contact_from, W, couple)
         head = at[count : count + 2]
-        shape = solve_statics(self.motion.trunk, at[:count], head, loads, self.mesh)
+        # Of several equilibria, that of the planned shape next to it.
+        step = int(np.argmin(np.abs(self.motion.times[: len(self.x)] - t)))
+        near = self.shape[step]
+        shape = solve_statics(self.motion.trunk, at[:count], head, loads, near=near)
         return Sample(float(t), at[:count], head, loads, shape)
 
 

@@ -51,6 +51,12 @@ class Shape:
         batch = self.states.shape[:-3]
         return f"<Shape of {self.trunk.name}: batch {batch}, {self.mesh.elements} elements>"
 
+    def __getitem__(self, index: int | slice) -> Shape:
+        """Some shapes of a batch, by its first axis."""
+        return replace(
+            self, states=self.states[index], edges=self.edges[index], slopes=self.slopes[index]
+        )
+
     def position(self, Z: np.ndarray) -> np.ndarray:
         """Centerline r(Z), (..., n, 3) m, at points Z (n,) in m."""
         element, tau = self._locate(Z)
@@ -100,11 +106,13 @@ def solve_statics(
     head: np.ndarray | tuple[float, float] = (0.0, 0.0),
     loads: Loads | Sequence[Loads] | None = None,
     mesh: Mesh | None = None,
+    near: Shape | None = None,
 ) -> Shape:
     """Equilibrium shape under activation and loads (eqs. 14, 15).
 
     Starts from the unloaded shape, which is known in closed form. Where Newton's method
-    does not get from there to the full load, the load is raised in steps.
+    does not get from there to the full load, the load is raised in steps. Of several equilibria,
+    as there may be under heavy loads, `near` says which; see `stability`.
 
     Parameters
     ----------
@@ -116,6 +124,8 @@ def solve_statics(
         Default: weight alone.
     mesh : Mesh, optional
         Default: `mesh_for(trunk, contact_from)`, refined until `Shape.defect` is below 1e-5.
+    near : Shape, optional
+        One for each of the batch, to start from; its mesh is used.
 
     Raises
     ------
@@ -129,13 +139,17 @@ def solve_statics(
     every = [loads or Loads()] if isinstance(loads, Loads | None) else list(loads)
     batch = _batch(activation.shape[:-1], head.shape[:-1], len(every))
     contacts = {load.contact_from for load in every}
+    if near is not None:
+        mesh = near.mesh
+        if near.states.shape[:-3] != batch:
+            raise InputError(f"near: expected shapes {batch}, got {near.states.shape[:-3]}.")
     if mesh is None and len(contacts) > 1:
         raise InputError("loads: a batch must share one contact_from, or bring its own mesh.")
     activation = np.broadcast_to(activation, (*batch, activation.shape[-1]))
     head = np.broadcast_to(head, (*batch, 2))
     if mesh is not None:
         check_mesh(mesh, trunk, every)
-        return _solve_on(mesh, trunk, activation, head, every)
+        return _solve_on(mesh, trunk, activation, head, every, near)
     for elements in MESHES:
         shape = _solve_on(
             mesh_for(trunk, every[0].contact_from, elements), trunk, activation, head, every
@@ -180,7 +194,12 @@ def check_controls(
 
 
 def _solve_on(
-    mesh: Mesh, trunk: Trunk, activation: np.ndarray, head: np.ndarray, loads: list[Loads]
+    mesh: Mesh,
+    trunk: Trunk,
+    activation: np.ndarray,
+    head: np.ndarray,
+    loads: list[Loads],
+    near: Shape | None = None,
 ) -> Shape:
     """Shapes of checked arguments, activation (..., muscles) and head (..., 2), on a mesh."""
     batch = activation.shape[:-1]
@@ -192,7 +211,12 @@ def _solve_on(
         head.reshape(count, 2),
         loads * (count // len(loads)),
     )
-    states, converged = problem.newton(problem.unloaded())
+    start = problem.unloaded()
+    if near is not None:
+        base = start[:, 0, 0, :4].copy()  # Newton leaves the base where the head has it
+        start = near.states.reshape(start.shape).copy()
+        start[:, 0, 0, :4] = base
+    states, converged = problem.newton(start)
     for index in np.flatnonzero(~converged).tolist():
         try:
             states[index] = problem.only(index).continuation()

@@ -66,11 +66,14 @@ machine tried all this.
 """
 
 
+WORDS = {"interrupted": "stopped after 30 s"}  # by the trial itself
+
+
 def page(counts: Mapping[str, Any]) -> str:
     """The page."""
     inputs, faults, validation = counts["inputs"], counts["faults"], counts["validation"]
     outcomes = ", ".join(
-        f"{number} {name.replace('_', ' ')}"
+        f"{number} {WORDS.get(name, name.replace('_', ' '))}"
         for name, number in sorted(inputs["outcomes"].items(), key=lambda item: -item[1])
     )
     injected = faults["faults_injected"]
