@@ -37,8 +37,8 @@ from trunk_ocp.solution import Plan
 from . import data
 from .page import write_page
 
-ACTIVATIONS = {"pick-fruit": (None, 2.5, 2.0), "lift-log": (None, 3.0, 2.5)}
-RATES = {"pick-fruit": (None, 1.5, 1.2), "lift-log": (None, 3.0, 2.4)}
+ACTIVATIONS = {"pick-fruit": (None, 1.5, 1.2), "lift-log": (None, 2.5, 2.2)}
+RATES = {"pick-fruit": (None, 0.7, 0.6), "lift-log": (None, 2.4, 2.0)}
 LOOKAHEADS = {"pick-fruit": (1, 2, 3, 6, 22), "lift-log": (1, 2, 3, 5, 10)}
 SMOOTHNESS = tuple(10.0 ** np.arange(-7, -0.9))
 STARTS = 8
