@@ -15,7 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.comparison import reversals
+from trunk_ocp.comparison import REVERSAL, reversals
+from trunk_ocp.foresight import TRACKING_ONLY
+from trunk_ocp.motion import load_motion
+from trunk_ocp.optima import SAME
 
 from . import data
 
@@ -40,6 +43,7 @@ def fields() -> Fields:
     )
     found["minutes"] = sum(part["seconds"] for part in found["times"]["parts"].values()) / 60
     found["load"] = max(part["load_before"] for part in found["times"]["parts"].values())
+    found |= constants(found) | counted(found)
     for short in SHORT.values():
         found[f"{short}_ways"] = ways_table(found[short])
         found[f"{short}_front"] = front_table(found[short]["front"])
@@ -49,6 +53,37 @@ def fields() -> Fields:
     found["muscles"] = muscles_table(found)
     found["lifting"] = lifting_table(found)
     return found
+
+
+def constants(found: Fields) -> Fields:
+    """What the study was made with."""
+    starts = found["lift"]["optima"]["horizon"]["optima"]
+    random = sum(name.startswith("random") for o in starts for name in o["found_from"])
+    return {
+        "starts_random": random,
+        "same": SAME,
+        "turn": REVERSAL,
+        "tracking_only": TRACKING_ONLY.effort,
+        "muscle_count": len(found["lift"]["redundancy"]["muscles"]),
+        "tolerance": load_motion("lift-log").tolerance[1],
+    }
+
+
+def counted(found: Fields) -> Fields:
+    """Cells of all surveys in which something happens."""
+    cells = [cell for short in SHORT.values() for cell in found[short]["survey"]["cells"]]
+    solved = [
+        (cell["best"]["status"] == "solved", cell["lookaheads"]["1"]["status"] == "solved")
+        for cell in cells
+    ]
+    horizons = [list(cell["lookaheads"].values())[-1] for cell in cells]
+    return {
+        "cells": len(cells),
+        "reached": solved.count((True, False)),
+        "lost": solved.count((False, True)),
+        "worse_cells": sum(bool(cell["worse_than_blind"]) for cell in cells),
+        "stuck": sum(cell["best"] != own for cell, own in zip(cells, horizons, strict=True)),
+    }
 
 
 def motion_fields(name: str) -> Fields:
@@ -73,6 +108,13 @@ def motion_fields(name: str) -> Fields:
         "redundancy": data.read(f"redundancy-{name}"),
         "optima": {mode: data.read(f"optima-{name}-{mode}") for mode in ("horizon", "sequential")},
     }
+    for cell in found["survey"]["cells"]:
+        blind = cell["lookaheads"]["1"]["planner_objective"]
+        cell["blind_excess"] = blind / cell["best"]["planner_objective"] - 1
+    found["psi"] = {short: turned(plans, long) for long, short in WAYS.items()}
+    costs = [o["planner_objective"] for o in found["optima"]["horizon"]["optima"]]
+    found["worst_optimum"] = costs[-1] / costs[0]
+    found["first_J"] = {short: plans["ways"][long]["J"][0] for long, short in WAYS.items()}
     found["saved"] = 1 - ways["best"]["planner_objective"] / ways["blind"]["planner_objective"]
     found["J_saved"] = 1 - ways["best"]["paper_objective"] / ways["blind"]["paper_objective"]
     kinds = [muscle["kind"] for muscle in found["redundancy"]["muscles"]]
@@ -85,6 +127,16 @@ def motion_fields(name: str) -> Fields:
     ) or "none"  # fmt: skip
     found["costly"] = max(found["redundancy"]["without"], key=lambda need: need["ratio"])
     return found
+
+
+def turned(plans: Fields, way: str) -> Fields:
+    """How far the head turns, degrees."""
+    other, angle = np.array(plans["ways"][way]["head_deg"]).T
+    return {
+        "largest": float(np.abs(angle).max()),
+        "range": float(np.ptp(angle)),
+        "other": float(np.abs(other).max()),
+    }
 
 
 def moving(plans: Fields, way: str) -> Fields:

@@ -96,6 +96,7 @@ def numbers(plan: Plan) -> dict[str, Any]:
     return {
         "activations": plan.activations.tolist(),
         "head_deg": np.degrees(plan.head).tolist(),
+        "J": [error.paper for error in plan.errors],
         "at_bound": [names[row].tolist() for row in touching(plan)[0][:, :-2]],
     }
 
