@@ -37,9 +37,10 @@ def _wrap_costs_more(found: Fields) -> bool:
 
 
 def _verdict(words: str, way: str) -> Callable[[Fields], bool]:
-    return lambda found: all(
-        o[way]["agrees"] for o in found["observations"] if words in o["says"]
-    ) and any(words in o["says"] for o in found["observations"])
+    return lambda found: (
+        all(o[way]["agrees"] for o in found["observations"] if words in o["says"])
+        and any(words in o["says"] for o in found["observations"])
+    )
 
 
 def _not(holds: Callable[[Fields], bool]) -> Callable[[Fields], bool]:
@@ -87,7 +88,8 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
         > 2 * f["lift"]["front"]["horizon"][4]["tracking"]
     ),
     "blindness hurts less under the tightest limits": lambda f: all(
-        f[s]["survey"]["cells"][8]["blind_excess"] < 0.1 * f[s]["survey"]["cells"][0]["blind_excess"]
+        f[s]["survey"]["cells"][8]["blind_excess"]
+        < 0.1 * f[s]["survey"]["cells"][0]["blind_excess"]
         for s in LIFTS
     ),
     "one cell is reached by foresight alone, the slow fruit": lambda f: (

@@ -310,17 +310,18 @@ PICK, LIFT, TILT = data.MOTIONS
 OBSERVATIONS = (
     Observation(PICK, "6.1", "Reaching: longitudinal muscles bend segment 1 towards the fruit.",
                 "dl has the largest mean in segment 1", _reach_longitudinal),
-    Observation(PICK, "6.1", "Reaching: segment 2 twists by its inner ventral obliques, with little "
-                "longitudinal contraction.", "mean of ivo at least twice that of dl", _reach_twist),
+    Observation(PICK, "6.1", "Reaching: segment 2 twists by its inner ventral obliques, with "
+                "little longitudinal contraction.", "mean of ivo at least twice that of dl",
+                _reach_twist),
     Observation(PICK, "6.1", "Pulling at the fruit hardly changes any activation.",
                 "largest change from start to end of the pull below 0.1", _pull),
     Observation(PICK, "6.1", "To the mouth: segment 1 curls by strong obliques, right and left in "
                 "balance.", "each above 0.5, sides uneven by less than 20 %", _mouth_balanced),
     Observation(PICK, "6.1", "To the mouth: radial muscles work little in segment 1, much more in "
                 "segment 2.", "mean in segment 2 at least twice that in segment 1", _mouth_radial),
-    Observation(PICK, "6.1", "To the mouth: in segment 2 the left obliques work more than the right.",
+    Observation(PICK, "6.1", "To the mouth: in segment 2 left obliques work more than right ones.",
                 "larger mean on the left", _mouth_left),
-    Observation(PICK, "6.1", "To the mouth: longitudinal muscles of segment 2 are next to idle.",
+    Observation(PICK, "6.1", "To the mouth: segment 2's longitudinal muscles are next to idle.",
                 "mean below 0.1", _mouth_longitudinal),
     Observation(PICK, "6.1", "To the mouth: longitudinal muscles bend segment 3.",
                 "dl has the largest mean in segment 3", _mouth_third),
@@ -357,7 +358,7 @@ OBSERVATIONS = (
     Observation(TILT, "6.3", "The first phase is that of the symmetric lift.",
                 "no activation at step 1 differs by 0.01", _same_first),
     Observation(TILT, "6.3", "Activations change a lot when the couple sets in.",
-                "largest change from step 1 to 2 at least twice that of the symmetric lift", _couple),
+                "largest change from step 1 to 2 at least twice the symmetric lift's", _couple),
     *(
         Observation(TILT, "6.3", f"Lifting: {said}, the right contracts much less than the left.",
                     "right at most two thirds of left", _lower(segment, group))

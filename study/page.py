@@ -8,6 +8,7 @@ words say, as conditions on the same data. If one of them does not hold the page
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -354,7 +355,7 @@ def less(first: str, *others: str) -> Callable[[Fields], bool]:
             for key in path.split("/"):
                 entry = entry[key]
             values.append(entry)
-        return all(a < b for a, b in zip(values, values[1:], strict=False))
+        return all(a < b for a, b in itertools.pairwise(values))
 
     return holds
 
