@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
+from trunk_ocp.motion import load_motion
+
 from .page import Fields, less
 
 LIFTS = ("lift", "tilt")
@@ -49,6 +53,28 @@ def _not(holds: Callable[[Fields], bool]) -> Callable[[Fields], bool]:
 
 def _both(words: str) -> Callable[[Fields], bool]:
     return _least(_verdict(words, "paper"), _verdict(words, "horizon"))
+
+
+def _reachable(found: Fields) -> bool:
+    """The bounds on psi_Y and its changes add up to more than the paper's angle."""
+    steps = load_motion("lift-log-asymmetric").steps
+    highest = steps[1].box.upper[-1] + sum(step.change.upper[-1] for step in steps[2:])
+    return bool(np.degrees(highest) > 30.5)
+
+
+def _needed_third(found: Fields) -> bool:
+    return bool(found["least_loss"] > 2 and found["vr_loss"] < 0.1)
+
+
+def _crossed(found: Fields) -> bool:
+    """The horizon eats by R1-ovo and L1-ivo."""
+    (told,) = (o for o in found["observations"] if "in balance" in o["says"])
+    level = told["horizon"]["numbers"]
+    kinds = {m["name"]: m["kind"] for m in found["pick"]["redundancy"]["muscles"]}
+    return all(
+        level[busy] > 0.5 and level[idle] < 0.1 and kinds[busy] == "must work"
+        for busy, idle in (("R1-ovo", "L1-ovo"), ("L1-ivo", "R1-ivo"))
+    )
 
 
 CLAIMS: dict[str, Callable[[Fields], bool]] = {
@@ -108,6 +134,32 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
         for s in ("pick", *LIFTS)
         for own in f[s]["optima"].values()
     ),
+    "the lifts of the tightest limits are all missed": lambda f: all(
+        own["status"] == "missed"
+        for s in LIFTS
+        for own in f[s]["survey"]["cells"][8]["lookaheads"].values()
+    ),
+    "other thresholds of a turn keep the order": _least(
+        *(
+            less(*(f"lift/moving/{way}/{which}" for way in ("horizon", "blind", "paper")))
+            for which in ("fine", "coarse")
+        )
+    ),
+    "no muscle is determined": lambda f: all(
+        f[s]["kinds"]["determined"] == 0 for s in ("pick", *LIFTS)
+    ),
+    "segment 3's outer obliques and dorsal radials are needed": _needed_third,
+    "appendix B lets psi_Y get there": _reachable,
+    "the horizon eats by R1-ovo and L1-ivo": _crossed,
+    "the left inner oblique works more": _both("left inner ventral oblique"),
+    "a weaker trunk lifts as well": lambda f: (
+        f["lift"]["survey"]["cells"][3]["best"]["status"] == "solved"
+    ),
+    "over the whole symmetric lift turns fall by little": lambda f: (
+        0
+        <= f["lift"]["ways"]["blind"]["reversals"] - f["lift"]["ways"]["horizon"]["reversals"]
+        <= 3
+    ),
     "two mirrored optima of the symmetric lift": _mirrored,
     "foresight pays in the wrap": _wrap_costs_more,
     "the symmetric lift varies more with 2 to 4 steps, and costs less": lambda f: all(
@@ -119,11 +171,6 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
     ),
     "no target is missed without a muscle for the fruit": lambda f: (
         f["pick"]["missed_without"] == "none"
-    ),
-    "obliques and radials of segment 3 must work in both lifts": lambda f: all(
-        next(m for m in f[s]["redundancy"]["muscles"] if m["name"] == name)["kind"] == "must work"
-        for s in LIFTS
-        for name in ("R3-ovo", "L3-ovo", "R3-dr", "L3-dr", "R3-vr", "L3-vr")
     ),
     "psi_Y disagrees, psi_Z turns more": lambda f: all(
         f["tilt"]["psi"][way]["largest"] + 3 < 30.5 < f["tilt"]["psi"][way]["other"]

@@ -26,6 +26,8 @@ from . import data
 TEMPLATE = Path(__file__).with_name("page.md")
 SHORT = {"pick-fruit": "pick", "lift-log": "lift", "lift-log-asymmetric": "tilt"}
 WAYS = {"paper": "paper", "paper, same cost": "costed", "blind": "blind", "horizon": "horizon"}
+FINE, COARSE = REVERSAL / 2, 2 * REVERSAL
+"""Other thresholds of a turn, to see whether it matters."""
 Fields = dict[str, Any]
 
 
@@ -38,6 +40,13 @@ def fields() -> Fields:
     for way in ("paper", "horizon"):
         found[f"agree_{way}"] = sum(o[way]["agrees"] for o in observed)
     found["statements"] = len(observed)
+    losses = {
+        (short, need["muscles"][0]): need["ratio"]
+        for short in ("lift", "tilt")
+        for need in found[short]["redundancy"]["without"]
+    }
+    found["least_loss"] = min(v for (_, m), v in losses.items() if m[1:] in ("3-ovo", "3-dr"))
+    found["vr_loss"] = max(v for (_, m), v in losses.items() if m[1:] == "3-vr") - 1
     found["agree_both"] = sum(o["paper"]["agrees"] and o["horizon"]["agrees"] for o in observed)
     found["agree_neither"] = sum(
         not o["paper"]["agrees"] and not o["horizon"]["agrees"] for o in observed
@@ -66,6 +75,8 @@ def constants(found: Fields) -> Fields:
         "turn": REVERSAL,
         "tracking_only": TRACKING_ONLY.effort,
         "muscle_count": len(found["lift"]["redundancy"]["muscles"]),
+        "fine": FINE,
+        "coarse": COARSE,
         "tolerance": load_motion("lift-log").tolerance[1],
     }
 
@@ -112,6 +123,7 @@ def motion_fields(name: str) -> Fields:
     for cell in found["survey"]["cells"]:
         blind = cell["lookaheads"]["1"]["planner_objective"]
         cell["blind_excess"] = blind / cell["best"]["planner_objective"] - 1
+    found["pulls"] = plans["phases"].count("pull")
     found["psi"] = {short: turned(plans, long) for long, short in WAYS.items()}
     costs = [o["planner_objective"] for o in found["optima"]["horizon"]["optima"]]
     found["worst_optimum"] = costs[-1] / costs[0]
@@ -154,6 +166,8 @@ def moving(plans: Fields, way: str) -> Fields:
         "turns": int(turns.sum()),
         "turning": int((turns > 0).sum()),
         "third": int(turns[third].sum()),
+        "fine": sum(reversals(curve, FINE) for curve in size.T),
+        "coarse": sum(reversals(curve, COARSE) for curve in size.T),
         "largest": float(change.max()),
         "path": float(change.sum()),
         "net": net,
