@@ -61,6 +61,7 @@ def fields() -> Fields:
     found["said"] = said_table(observed)
     found["optima"] = optima_table(found)
     found["muscles"] = muscles_table(found)
+    found["strongest"] = strongest_table()
     found["lifting"] = lifting_table(found)
     return found
 
@@ -324,6 +325,27 @@ def muscles_table(found: Fields) -> str:
         ["motion", "determined", "must work", "free", "can be off", "effort: plan / least",
          "peak: plan / least", "muscles: plan / fewest", "a target is missed without"], rows
     )  # fmt: skip
+
+
+def strongest_table(count: int = 4) -> str:
+    """The muscles that contract most in each phase, with the mean size of their activations."""
+    rows = []
+    for name in SHORT:
+        plans = data.read(f"plans-{name}")
+        names = [muscle["name"] for muscle in plans["muscles"]]
+        for phase in dict.fromkeys(plans["phases"]):
+            at = np.array(plans["phases"]) == phase
+            row = [name, phase]
+            for way in ("paper", "horizon"):
+                own = plans["ways"][way]
+                level = np.abs(np.array(own["activations"]))[at].mean(axis=0)
+                most = np.argsort(-level, kind="stable")[:count]
+                row.append(", ".join(f"{names[i]} {level[i]:.2f}" for i in most))
+                psi = np.array(own["head_deg"])[at][-1]
+                row.append(f"{psi[0]:.1f}, {psi[1]:.1f}")
+            rows.append(row)
+    head = "psi_Z, psi_Y at its end"
+    return table(["motion", "phase", "paper's way", head, "horizon", head], rows)
 
 
 def said_table(observed: list[Fields]) -> str:
