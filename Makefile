@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
 
-.PHONY: venv motion results test trust lint bench schema clean
+.PHONY: venv motion results test trust study lint bench schema clean
 
 venv: $(READY)
 
@@ -36,6 +36,10 @@ results: venv
 # Files made up and damaged, runs killed and resumed, cases validated; TRUST=--inputs=... for more.
 trust: venv
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m trust.run $(TRUST)
+
+# What foresight is worth: data and figures in results/foresight, and docs/foresight.md from them.
+study: venv
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m study.run $(STUDY)
 
 lint: venv
 	$(BIN)/ruff check .

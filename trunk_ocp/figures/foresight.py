@@ -12,7 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from ..comparison import Measures
 from ..foresight import Foresight
@@ -153,7 +153,7 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
     style.headline(figure, f"{style.plain(data['problem'])}: how many steps ahead suffice")
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(
-        left=0.08, right=0.8, top=1 - 8 / height, bottom=10 / height, wspace=0.28
+        left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
     )
     colours = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
     handles: list[Artist] = []
@@ -179,7 +179,7 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("lookahead (time steps)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-    figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.81, 0.5))
+    figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.735, 0.5))
     return figure
 
 
@@ -203,7 +203,7 @@ def front_picture(data: Mapping[str, Any]) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("integral of squared rates (1/s)")
     axes.set_ylabel("tracking: weighted squared distances (no unit)")

@@ -1,0 +1,1 @@
+"""What foresight is worth: everything computed again, and docs/foresight.md from the data."""

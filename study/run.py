@@ -1,0 +1,202 @@
+"""Everything that docs/foresight.md tells, computed again; then the page.
+
+    python -m study.run             # some minutes on two cores
+    python -m study.run --quick     # few lookaheads, limits and starts; into out/study, no page
+    python -m study.run --only optima
+
+Each part is written as soon as it is known. A part that fails is named at the end, keeps the data
+it had, and makes the exit code 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from trunk_ocp.figures import draw_foresight, draw_front, draw_survey
+from trunk_ocp.figures.redundancy import draw_redundancy
+from trunk_ocp.foresight import Foresight, foresight, front, survey
+from trunk_ocp.limits import touching
+from trunk_ocp.motion import load_motion
+from trunk_ocp.optima import optima
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.redundancy import needed, redundancy, report
+from trunk_ocp.solution import Plan
+
+from . import data
+from .page import write_page
+
+ACTIVATIONS = {"pick-fruit": (None, 1.5, 1.2), "lift-log": (None, 2.5, 2.2)}
+RATES = {"pick-fruit": (None, 0.7, 0.6), "lift-log": (None, 2.4, 2.0)}
+LOOKAHEADS = {"pick-fruit": (1, 2, 3, 6, 22), "lift-log": (1, 2, 3, 5, 10)}
+SMOOTHNESS = tuple(10.0 ** np.arange(-7, -0.9))
+STARTS = 8
+COLOURS = 96
+
+
+@dataclass(frozen=True)
+class Size:
+    """Where results go, and whether to take the short way."""
+
+    folder: Path
+    quick: bool
+
+
+def limits(table: dict[str, tuple[Any, ...]], name: str) -> tuple[Any, ...]:
+    """A choice for a motion; both lifts have the same."""
+    return table.get(name, table["lift-log"])
+
+
+def compared(name: str, size: Size) -> None:
+    """The paper's way and every lookahead."""
+    motion = load_motion(name)
+    some = (1, 2, len(motion.steps)) if size.quick else None
+    result = foresight(motion, lookaheads=some)
+    data.write(f"compare-{name}", result.as_dict(), size.folder)
+    data.write(f"plans-{name}", plans(result), size.folder)
+    named = draw_foresight(result, size.folder, ("png",))
+    shrunk(named[0].replace(size.folder / f"compare-{name}.png"))
+
+
+def plans(result: Foresight) -> dict[str, Any]:
+    """Activations and head angles of the four ways that section 6 is held against."""
+    motion = result.motion
+    ways = {
+        "paper": result.paper,
+        "paper, same cost": result.paper_costed,
+        "blind": result.curve.blind,
+        "horizon": result.curve.best,
+    }
+    return {
+        "problem": motion.name,
+        "times": motion.times.tolist(),
+        "phases": [motion.phases[step.phase].name for step in motion.steps],
+        "muscles": [
+            {"name": m.name, "group": m.group, "side": m.side, "segment": m.segment + 1}
+            for m in motion.trunk.subdomains
+        ],
+        "ways": {way: numbers(plan) for way, plan in ways.items()},
+    }
+
+
+def numbers(plan: Plan) -> dict[str, Any]:
+    """A plan's unknowns, and who is at the bound of contraction at each step."""
+    names = np.array(plan.motion.trunk.muscles)
+    return {
+        "activations": plan.activations.tolist(),
+        "head_deg": np.degrees(plan.head).tolist(),
+        "J": [error.paper for error in plan.errors],
+        "at_bound": [names[row].tolist() for row in touching(plan)[0][:, :-2]],
+    }
+
+
+def surveyed(name: str, size: Size) -> None:
+    """How many steps ahead suffice, under limits on strength and speed."""
+    most, fastest = limits(ACTIVATIONS, name), limits(RATES, name)
+    ahead = limits(LOOKAHEADS, name)
+    if size.quick:
+        most, fastest, ahead = most[:1], fastest[::2], ahead[::4]
+    found = survey(load_motion(name), most, fastest, ahead)
+    data.write(f"survey-{name}", found, size.folder)
+    (drawn,) = draw_survey(found, size.folder, ("png",))
+    shrunk(drawn.replace(size.folder / f"survey-{name}.png"))
+
+
+def swept(name: str, size: Size) -> None:
+    """Tracking against smoothness."""
+    found = front(load_motion(name), SMOOTHNESS[::3] if size.quick else SMOOTHNESS)
+    data.write(f"front-{name}", found, size.folder)
+    (drawn,) = draw_front(found, size.folder, ("png",))
+    shrunk(drawn)
+
+
+def started(name: str, size: Size) -> None:
+    """The same motion from many starts."""
+    for mode, lookahead in (("horizon", None), ("sequential", 1)):
+        found = optima(load_motion(name), lookahead, 1 if size.quick else STARTS)
+        data.write(f"optima-{name}-{mode}", found.as_dict(), size.folder)
+
+
+def redundant(name: str, size: Size) -> None:
+    """What each muscle could do instead, and what it is needed for."""
+    found = redundancy(plan_motion(load_motion(name)))
+    if not size.quick:
+        found = replace(found, needs=needed(found.plan))
+    told = report(found)
+    for muscle in told["muscles"]:  # the figure shows them; 2 x 2 x 28 x 22 numbers
+        del muscle["range_alone"], muscle["range_joint"]
+    for unit in ("range_alone", "range_joint"):
+        del told["units"][unit]
+    data.write(f"redundancy-{name}", told, size.folder)
+    (drawn,) = draw_redundancy(found, size.folder, ("png",))
+    shrunk(drawn.replace(size.folder / f"redundancy-{name}.png"))
+
+
+def shrunk(picture: Path) -> None:
+    """The same picture in `COLOURS` colours, for a repository."""
+    with Image.open(picture) as image:
+        few = image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    few.save(picture, optimize=True)
+
+
+PARTS: dict[str, Callable[[str, Size], None]] = {
+    "compare": compared,
+    "optima": started,
+    "survey": surveyed,
+    "redundancy": redundant,
+    "front": swept,
+}
+
+
+def main() -> None:
+    """Run the parts, keep their times, write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a trial: out/study, no page")
+    parser.add_argument("--only", choices=PARTS, action="append", help="one part; several times")
+    chosen = parser.parse_args()
+    size = Size(data.ROOT / "out" / "study" if chosen.quick else data.DATA, chosen.quick)
+    failed = []
+    for part in chosen.only or PARTS:
+        for name in data.MOTIONS:
+            print(f"{part} {name} ...", flush=True)
+            began = time.perf_counter()
+            load = os.getloadavg()[0]
+            try:
+                PARTS[part](name, size)
+            except Exception:
+                traceback.print_exc()
+                failed.append(f"{part} {name}")
+                continue
+            timed(f"{part} {name}", time.perf_counter() - began, load, size)
+    if not chosen.quick:
+        write_page()
+    for what in failed:
+        print(f"failed: {what}", file=sys.stderr)
+    sys.exit(1 if failed else 0)
+
+
+def timed(part: str, seconds: float, load: float, size: Size) -> None:
+    """Keep how long a part took, and how busy the machine was before."""
+    try:
+        known = data.read("times", size.folder)
+    except FileNotFoundError:
+        known = {"parts": {}}
+    known["machine"] = {"cores": os.cpu_count(), "python": platform.python_version()}
+    known["parts"][part] = {"seconds": round(seconds), "load_before": round(load, 1)}
+    data.write("times", known, size.folder)
+    print(f"{part}: {seconds:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
