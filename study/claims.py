@@ -97,7 +97,9 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
     "the paper's way does turn in segment 3": lambda f: all(
         f[short]["moving"]["paper"]["third"] > 0 for short in LIFTS
     ),
-    "foresight tracks better in both lifts": lambda f: all(f[s]["J_saved"] > 0.1 for s in LIFTS),
+    "foresight tracks better in both lifts": lambda f: all(
+        f[s]["J_saved"] > 0.1 and f[s]["J_paper"] > 0.1 for s in LIFTS
+    ),
     "for the fruit it changes next to nothing": lambda f: f["pick"]["saved"] < 0.01,
     "the blind fruit suffices": lambda f: f["pick"]["sufficient"] == 1,
     "a sufficient lookahead is known": lambda f: all(f[s]["sufficient"] for s in LIFTS),

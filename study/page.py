@@ -131,6 +131,7 @@ def motion_fields(name: str) -> Fields:
     found["first_J"] = {short: plans["ways"][long]["J"][0] for long, short in WAYS.items()}
     found["saved"] = 1 - ways["best"]["planner_objective"] / ways["blind"]["planner_objective"]
     found["J_saved"] = 1 - ways["best"]["paper_objective"] / ways["blind"]["paper_objective"]
+    found["J_paper"] = 1 - ways["best"]["paper_objective"] / ways["paper"]["paper_objective"]
     kinds = [muscle["kind"] for muscle in found["redundancy"]["muscles"]]
     found["kinds"] = {kind.replace(" ", "_"): kinds.count(kind) for kind in sorted(set(kinds))}
     found["kinds"].setdefault("determined", 0)
