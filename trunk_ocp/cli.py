@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -108,9 +109,9 @@ def solve(
     PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of
     your own.
 
-    Exit codes: 0 solved and verified; 2 bad usage or problem file; 3 not converged, not
-    verified, or a target out of reach (what was reached is saved and marked); 4 interrupted
-    (the best so far is saved).
+    Exit codes: 0 solved and verified; 2 bad usage or problem file, or files that cannot be
+    written; 3 not converged, not verified, unstable, or a target out of reach (what was reached
+    is saved and marked); 4 interrupted (the best so far is saved).
     """
     context = click.get_current_context()
     source = context.get_parameter_source("mode")
@@ -136,11 +137,7 @@ def solve(
                 plans = [
                     replace(plan, options=plan.options | {"command": command}) for plan in plans
                 ]
-                for plan in plans:
-                    save_plan(plan, folder / plan_folder(plan))
-                figures = compare(*plans) if len(plans) == 2 else {}
-                if figures:
-                    write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
+                figures = _save(plans, folder)
                 if finished:
                     for checkpoint in checkpoints.values():
                         checkpoint.remove()
@@ -159,15 +156,24 @@ def solve(
         if not finished:
             console.print("solve-motion --resume, with the same options, goes on from here.")
         console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
-        if quiet:
-            for plan in plans:
-                if plan.status is not Status.SOLVED:
-                    click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
+        for plan in plans if quiet else []:
+            if plan.status is not Status.SOLVED:
+                click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
         if as_json:
             reports = {plan_folder(plan): summary(plan) for plan in plans}
             click.echo(json.dumps(reports, indent=2), file=output)
         codes = [plan.status.exit_code for plan in plans]
         sys.exit(INTERRUPTED if interrupts.came else max(codes))
+
+
+def _save(plans: list[Plan], folder: Path) -> dict[str, dict[str, Any]]:
+    """Write plans to their folders; of two plans, their measures as well, which are returned."""
+    for plan in plans:
+        save_plan(plan, folder / plan_folder(plan))
+    figures = compare(*plans) if len(plans) == 2 else {}
+    if figures:
+        write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
+    return figures
 
 
 def plan_folder(plan: Plan) -> str:

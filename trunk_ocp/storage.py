@@ -39,6 +39,18 @@ POINTS = 101
 LARGEST_FILE = 1_000_000_000
 """Bytes; ten times a plan of as many steps as a motion may have."""
 MODES = ("sequential", "horizon", "receding")
+UNITS = {
+    "time": "s",
+    "seconds": "s of wall time",
+    "position_error, max_position_error, max_verification_error": "m",
+    "position_error_at, tangent_error_at": "Z of the target, m",
+    "tangent_error": "length of the error of a director, the tangent d3 as a rule",
+    "stability_margin": "share of the stiffness that the loads leave; 0: the trunk buckles",
+    "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
+    "psi_z, psi_y": "rad",
+    "objective": "J of eq. (42) with the problem's weights",
+}
+"""Of the numbers in `summary`."""
 
 
 @one_thread()
@@ -199,41 +211,9 @@ def summary(plan: Plan) -> dict[str, Any]:
             (float(e.position.max()) for e in plan.errors if e.position.size), default=math.nan
         ),
         "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
-        "timesteps": [
-            {
-                "time": step.time,
-                "phase": plan.motion.phases[step.phase].name,
-                "objective": errors.paper,
-                "position_error": errors.position.tolist(),
-                "position_error_at": errors.position_Z.tolist(),
-                "tangent_error": errors.direction.tolist(),
-                "tangent_error_at": errors.direction_Z.tolist(),
-                "stability_margin": margin,
-                "falling_directions": index,
-                "psi_z": float(x[-2]),
-                "psi_y": float(x[-1]),
-            }
-            for step, errors, x, margin, index in zip(
-                plan.motion.steps,
-                plan.errors,
-                plan.x,
-                plan.stability.margin.tolist(),
-                plan.stability.index.tolist(),
-                strict=False,
-            )
-        ],
+        "timesteps": _timesteps(plan),
         "steps_planned": len(plan.x),
-        "units": {
-            "time": "s",
-            "seconds": "s of wall time",
-            "position_error, max_position_error, max_verification_error": "m",
-            "position_error_at, tangent_error_at": "Z of the target, m",
-            "tangent_error": "length of the error of a director, the tangent d3 as a rule",
-            "stability_margin": "share of the stiffness that the loads leave; 0: the trunk buckles",
-            "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
-            "psi_z, psi_y": "rad",
-            "objective": "J of eq. (42) with the problem's weights",
-        },
+        "units": UNITS,
         "version": version("trunk_ocp"),
         "versions": plan.versions,
         "options": plan.options,
@@ -242,6 +222,28 @@ def summary(plan: Plan) -> dict[str, Any]:
     }
     numbers: dict[str, Any] = finite(report)
     return numbers
+
+
+def _timesteps(plan: Plan) -> list[dict[str, Any]]:
+    """What `summary` says of each time step."""
+    stability = plan.stability
+    rows = zip(plan.motion.steps, plan.errors, plan.x, strict=False)
+    return [
+        {
+            "time": step.time,
+            "phase": plan.motion.phases[step.phase].name,
+            "objective": errors.paper,
+            "position_error": errors.position.tolist(),
+            "position_error_at": errors.position_Z.tolist(),
+            "tangent_error": errors.direction.tolist(),
+            "tangent_error_at": errors.direction_Z.tolist(),
+            "stability_margin": float(stability.margin[t]),
+            "falling_directions": int(stability.index[t]),
+            "psi_z": float(x[-2]),
+            "psi_y": float(x[-1]),
+        }
+        for t, (step, errors, x) in enumerate(rows)
+    ]
 
 
 def finite(value: Any) -> Any:
