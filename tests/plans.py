@@ -94,3 +94,18 @@ def in_equilibrium(window, x):
         for load, pull in zip(loads, window.pulls(shapes), strict=True)
     ]
     return solve_statics(trunk, x[:, :-2], x[:, -2:], loads, window.mesh), loads
+
+
+def soft_rod(name, segments=("[0.0, 1.0]",), radius="0.05"):
+    """An anatomy file of 1 m and 1 MPa; muscles of the last segment may follow."""
+    parts = "".join(f"\n[[segments]]\nZ_over_length = {edges}\n" for edges in segments)
+    return f"""
+name = "{name}"
+length = 1.0
+base_radius_over_length = {radius}
+
+[material]
+youngs_modulus = 1.0e6
+poisson_ratio = 0.5
+density = 1000.0
+{parts}"""

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from plans import POINT, TOUCH, first_steps, planned, written
+from plans import POINT, TOUCH, first_steps, planned, soft_rod, written
 
 from trunk_ocp import cli
 from trunk_ocp.diagnosis import at_bounds, effects, explain
@@ -28,19 +28,7 @@ STIFF = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [0.0, 0.0]").rep
     "[0.67, 1.35]", "[1.2, 1.35]"
 )
 # An upright column without muscles, g upwards in our axes: its own weight buckles it.
-COLUMN = """
-name = "column"
-length = 1.0
-base_radius_over_length = {radius}
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 1.0]
-"""
+COLUMN = soft_rod("column", radius="{radius}")
 STAND = """
 name = "stand"
 anatomy = "column.toml"

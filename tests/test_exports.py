@@ -10,7 +10,7 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
-from plans import MOTIONS, planned, written
+from plans import MOTIONS, planned, soft_rod, written
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
@@ -26,22 +26,7 @@ from trunk_ocp.statics import solve_statics
 
 FLOAT32 = 5e-7  # m; two roundings of lengths below 4 m
 
-ARM = """
-name = "arm"
-length = 1.0
-base_radius_over_length = 0.05
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 0.4]
-
-[[segments]]
-Z_over_length = [0.4, 1.0]
-"""
+ARM = soft_rod("arm", ("[0.0, 0.4]", "[0.4, 1.0]"))
 
 MUSCLES = """
 muscles = [

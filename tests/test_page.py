@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plans import POINT, TOUCH, planned, written
+from plans import POINT, TOUCH, planned, soft_rod, written
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.geometry import muscle_body
@@ -39,22 +39,7 @@ LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 LARGEST = 3_000_000  # bytes of a page
 
 # A trunk of two segments that no paper knows: its own group, on one side, up to the centre.
-OTHER_TRUNK = """
-name = "other"
-length = 1.0
-base_radius_over_length = 0.1
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 0.5]
-
-[[segments]]
-Z_over_length = [0.5, 1.0]
-"""
+OTHER_TRUNK = soft_rod("other", ("[0.0, 0.5]", "[0.5, 1.0]"), radius="0.1")
 OTHER_MUSCLE = """
 muscles = [
   { group = "core_1", architecture = "longitudinal", radii_over_length = [0.0, 0.08], \

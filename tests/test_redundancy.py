@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.collections import PolyCollection
-from plans import planned, written
+from plans import planned, soft_rod, written
 from scipy.linalg import null_space
 from scipy.optimize import linprog, lsq_linear
 
@@ -37,23 +37,15 @@ from trunk_ocp.storage import save_plan
 
 # Half a ring of a longitudinal and a radial muscle on each side, in the same place. Without
 # taper the radial one does -nu = -1/2 of what the other does, to all four strain numbers.
-ANTAGONISTS = """
-name = "antagonists"
-length = 1.0
-base_radius_over_length = 0.05
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 1.0]
+ANTAGONISTS = (
+    soft_rod("antagonists")
+    + """
 muscles = [
   { group = "long", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0.0, 3.141592653589793] },
   { group = "wide", architecture = "radial", radii_over_length = [0.02, 0.05], sector = [0.0, 3.141592653589793] },
 ]
-"""  # noqa: E501  # TOML's inline tables stand on one line
+"""  # noqa: E501  # TOML inline tables stand on one line
+)
 LEAN = """
 name = "lean"
 anatomy = "antagonists.toml"

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import MOTIONS, POINT, TOUCH, first_steps, shipped, written
+from plans import MOTIONS, POINT, TOUCH, first_steps, shipped, soft_rod, written
 
 from trunk_ocp.activation import strain_matrix
 from trunk_ocp.motion import Box, load_motion
@@ -13,23 +13,15 @@ from trunk_ocp.relaxation import contradictions, elastic_bounds, reach, said
 from trunk_ocp.solution import Status
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
-ROD = """
-name = "rod"
-length = 1.0
-base_radius_over_length = 0.05
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 1.0]
+ROD = (
+    soft_rod("rod")
+    + """
 muscles = [
   { group = "ring", architecture = "longitudinal", radii_over_length = [0.02, 0.05], \
 sector = [0.0, 3.141592653589793] },
 ]
 """
+)
 SHORTEN = """
 name = "shorten"
 anatomy = "rod.toml"

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import POINT, TOUCH, written
+from plans import POINT, TOUCH, soft_rod, written
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
@@ -12,23 +12,15 @@ from trunk_ocp.motion import load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status
 
-ROD = """
-name = "soft-arm"
-length = 1.0
-base_radius_over_length = 0.05
-
-[material]
-youngs_modulus = 1.0e6
-poisson_ratio = 0.5
-density = 1000.0
-
-[[segments]]
-Z_over_length = [0.0, 1.0]
+ROD = (
+    soft_rod("soft-arm")
+    + """
 muscles = [
   { group = "top", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0.0, 1.5] },
   { group = "low", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [1.6, 3.1] },
 ]
-"""  # noqa: E501  # TOML's inline tables stand on one line
+"""  # noqa: E501  # TOML inline tables stand on one line
+)
 
 REACH = """
 name = "reach"
