@@ -12,6 +12,7 @@ from trunk_ocp import shape_map, shooting
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.loads import Loads
+from trunk_ocp.python_source import python_source
 from trunk_ocp.rod import rates
 from trunk_ocp.sensitivity import tip_jacobian
 from trunk_ocp.shape_map import PointShapes, ShapeMap
@@ -515,7 +516,7 @@ def test_without_numba_the_error_says_what_to_install(trunk, monkeypatch):
 
 def translated(function):
     namespace = {}
-    exec(shooting.python_source(function, "python"), namespace)
+    exec(python_source(function, "python"), namespace)
     return namespace["python"]
 
 
@@ -543,8 +544,8 @@ def test_every_operation_that_is_translated_means_what_casadi_means():
 def test_an_operation_that_is_not_translated_is_refused():
     x = ca.SX.sym("x")
     with pytest.raises(TrunkError, match=r"wave: operation \d+ is not translated"):
-        shooting.python_source(ca.Function("wave", [x], [ca.sin(x)]), "wave")
+        python_source(ca.Function("wave", [x], [ca.sin(x)]), "wave")
     y = ca.MX.sym("y")
     graph = ca.Function("graph", [y], [y + y])
     with pytest.raises(TrunkError, match="graph: expected a function of scalar operations"):
-        shooting.python_source(graph, "graph")
+        python_source(graph, "graph")

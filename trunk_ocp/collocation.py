@@ -8,6 +8,7 @@ This is the Gauss method of d stages (Hairer, Norsett & Wanner, Solving ODEs I, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -113,9 +114,13 @@ class Mesh:
 
 
 def mesh_for(
-    trunk: Trunk, contact_from: float | None = None, elements: int = 6, degree: int = 6
+    trunk: Trunk,
+    contact_from: float | None = None,
+    elements: int = 6,
+    degree: int = 6,
+    at: Sequence[float] = (),
 ) -> Mesh:
-    """Mesh with an edge on every jump: segment ends and the start of contact Z_w.
+    """Mesh with an edge on every jump: segment ends and the start of contact Z_w; and at Z `at`.
 
     Every stretch between two jumps gets one element; the rest of `elements` go where elements
     are longest, measured in local radii, the scale on which a tapered trunk bends.
@@ -127,7 +132,7 @@ def mesh_for(
     """
     if contact_from is not None:
         check_contact(trunk, contact_from)
-    jumps = sorted({*trunk.edges, *([] if contact_from is None else [contact_from])})
+    jumps = sorted({*trunk.edges, *([] if contact_from is None else [contact_from]), *at})
     k = trunk.taper_rate
 
     def in_radii(Z: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from scipy.integrate import DOP853
 
-from .errors import TrunkError
+from .python_source import python_source
 from .rod import RATES, STATES, rates
 
 STAGES = 12
@@ -34,49 +34,6 @@ NODES = np.ascontiguousarray(DOP853.C[:STAGES])
 MAX_ITERATIONS = 25
 TOLERANCE = 1e-4  # on the last Newton step, relative; the error after it is its square
 SMALLEST_LOAD_STEP = 1e-4
-
-_OPERATIONS = {
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_ASSIGN: "{0}",
-}
-
-
-def python_source(function: ca.Function, name: str) -> str:
-    """Python source of a CasADi SX function: name(input 0, ..., output 0, ...) on flat arrays.
-
-    Raises
-    ------
-    TrunkError
-        If the function is not of SX, or uses an operation that is not translated.
-    """
-    if not function.is_a("SXFunction"):
-        raise TrunkError(f"{function.name()}: expected a function of scalar operations (SX).")
-    arguments = [f"i{k}" for k in range(function.n_in())]
-    arguments += [f"o{k}" for k in range(function.n_out())]
-    lines = [f"def {name}({', '.join(arguments)}):"]
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        to, source = function.instruction_output(k), function.instruction_input(k)
-        if operation == ca.OP_CONST:
-            lines.append(f"    w{to[0]} = {function.instruction_constant(k)!r}")
-        elif operation == ca.OP_INPUT:
-            lines.append(f"    w{to[0]} = i{source[0]}[{source[1]}]")
-        elif operation == ca.OP_OUTPUT:
-            lines.append(f"    o{to[0]}[{to[1]}] = w{source[0]}")
-        elif operation in _OPERATIONS:
-            expression = _OPERATIONS[operation].format(*(f"w{s}" for s in source))
-            lines.append(f"    w{to[0]} = {expression}")
-        else:
-            raise TrunkError(f"{function.name()}: operation {operation} is not translated.")
-    return "\n".join(lines)
-
 
 # NaN and infinity keep their meaning, which tell a Newton iteration that has gone astray.
 _compile: Any = numba.njit(

@@ -1,0 +1,177 @@
+"""The rod once more, with its moment in space axes: the kernels that exported programs are made of.
+
+In space axes the moment M is a quadrature of the orientation alone,
+
+    M' = -zeta d_3 x N - l,
+
+so of a collocated element's unknowns only the orientations at its Gauss points are left to
+solve for: four for each in place of seven. N is the force on the section, l the couple density.
+The equations are those of `rod` (eqs. 7, 14, 15, 28, 30), which has the moment in the directors.
+
+Each kernel is a CasADi function (w, p) of scalar operations: w what it is differentiated by,
+p the numbers of a place.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import casadi as ca
+
+from ..anatomy import Head
+from ..head import base_pose
+from ..rotations import cross, directors, dot, product
+
+TERMS = 10  # of a series in theta^2 <= 1: the next one is 1 / 20! of the first
+MOMENTS = 2 * TERMS + 1
+
+
+@cache
+def rates() -> ca.Function:
+    """Right-hand side (w, p) -> (q', M', r'), per metre of Z.
+
+    w (18): q (4), M (3) in N m; zeta_hat, c (3) in 1/m, mean extension; N (3) in N, l (3) in N.
+    p (5): f(Z); K_0, K_1, K_2, K_3 of the initial shape.
+    """
+    w, p = ca.SX.sym("w", 18), ca.SX.sym("p", 5)
+    q, zeta_hat, N = ca.vertsplit(w[0:4]), w[7], ca.vertsplit(w[12:15])
+    d, zeta, u = _strains(w[:15], p)
+    dq = [rate / 2 for rate in product(q, (0, *(zeta_hat * u_i for u_i in u)))]
+    dM = [-zeta * a - l for a, l in zip(cross(d[2], N), ca.vertsplit(w[15:18]), strict=True)]
+    dr = [zeta * d3 for d3 in d[2]]
+    return _kernel("rates", w, p, [*dq, *dM, *dr])
+
+
+@cache
+def report() -> ca.Function:
+    """What is told of a section: (w, p) -> d_1, d_2, d_3 (9); zeta, u (4); m (3) in the directors.
+
+    w (15) and p (5) as the first ones of `rates`. The directors are normalised.
+    """
+    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 5)
+    d, zeta, u = _strains(w, p)
+    norm = ca.sumsqr(w[0:4])
+    m = [dot(d_i, ca.vertsplit(w[4:7])) for d_i in d]
+    return _kernel("report", w, p, [*(x / norm for d_i in d for x in d_i), zeta, *u, *m])
+
+
+def _strains(w: ca.SX, p: ca.SX) -> tuple[tuple[tuple[ca.SX, ...], ...], ca.SX, tuple[ca.SX, ...]]:
+    """Directors, extension zeta and curvature u of the loaded section."""
+    M, zeta_hat, c, mean = ca.vertsplit(w[4:7]), w[7], ca.vertsplit(w[8:11]), w[11]
+    N, (taper, K0, *K) = ca.vertsplit(w[12:15]), ca.vertsplit(p)
+    d = directors(ca.vertsplit(w[0:4]))
+    zeta = zeta_hat * (1 + dot(d[2], N) * mean / K0)
+    u = tuple(c[i] / taper + dot(d[i], M) * mean**2 / K[i] for i in range(3))
+    return d, zeta, u
+
+
+@cache
+def base(head: Head) -> ca.Function:
+    """Orientation q (4) and position r (3) of the base from psi_Z, psi_Y; p is empty."""
+    psi = ca.SX.sym("psi", 2)
+    r, q = base_pose(head, psi[0], psi[1])
+    return _kernel("base", psi, ca.SX.sym("p", 0), [*q, *r])
+
+
+@cache
+def turn() -> ca.Function:
+    """Rotation of the unloaded trunk along a piece of a segment, in the frame where it starts.
+
+    w (4): zeta_hat, c (3) in 1/m.  p (1): stretched length l = int dZ / f in m.
+    Returns exp(l zeta_hat c / 2) as a quaternion (4).
+    """
+    w, p = ca.SX.sym("w", 4), ca.SX.sym("p", 1)
+    v = [w[0] * c for c in ca.vertsplit(w[1:])]
+    half = p[0] / 2
+    theta2, small, theta = _angle(v, half)
+    cos = _either(small, _series(theta2, 0), ca.cos(theta))
+    sinc = _either(small, _series(theta2, 1), ca.sin(theta) / theta)
+    return _kernel("turn", w, p, [cos, *(half * sinc * v_i for v_i in v)])
+
+
+@cache
+def spiral() -> ca.Function:
+    """Centerline of the unloaded trunk along a piece of a segment: its end, from its own start.
+
+    With v = zeta_hat c and kappa = |v|, the piece is the integral of exp(l(Z) v) e_3 over Z:
+
+        rho = zeta_hat [ g_0 e_3 + g_1 (v . e_3) v + g_2 v x e_3 ],
+        W = int exp(i kappa l) dZ,  g_0 = Re W,  g_1 = (int dZ - Re W) / kappa^2,  g_2 = Im W / kappa.
+
+    w (4): zeta_hat, c (3) in 1/m.
+    p (4 + 21): l in m; f at the start and at the end; k in 1/m; int l^j dZ for j = 0 ... 20.
+    Returns rho (3) in m. Series in kappa^2 where kappa l < 1.
+    """
+    w, p = ca.SX.sym("w", 4), ca.SX.sym("p", 4 + MOMENTS)
+    length, start, end, k = ca.vertsplit(p[:4])
+    moments = ca.vertsplit(p[4:])
+    zeta, v = w[0], [w[0] * c for c in ca.vertsplit(w[1:])]
+    theta2, small, theta = _angle(v, length)
+    kappa2, kappa = theta2 / length**2, theta / length
+    real = k * (start - end * ca.cos(theta)) + end * kappa * ca.sin(theta)
+    imaginary = kappa * (start - end * ca.cos(theta)) - k * end * ca.sin(theta)
+    square = k**2 + kappa**2
+    g0 = _either(small, _moment_series(kappa2, moments, 0), real / square)
+    g1 = _either(small, _moment_series(kappa2, moments, 2), (moments[0] - real / square) / kappa**2)
+    g2 = _either(small, _moment_series(kappa2, moments, 1), imaginary / square / kappa)
+    along = [g1 * v[2] * v_i for v_i in v]
+    across = [g2 * x for x in (v[1], -v[0], 0)]
+    rho = [a + b + e for a, b, e in zip(along, across, (0, 0, g0), strict=True)]
+    return _kernel("spiral", w, p, [zeta * x for x in rho])
+
+
+def _angle(v: list[ca.SX], length: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Square of theta = |v| l, whether it is below 1, and theta, or 1 where it is."""
+    theta2 = dot(v, v) * length**2
+    small = theta2 < 1
+    return theta2, small, ca.sqrt(ca.if_else(small, 1, theta2))
+
+
+def _either(small: ca.SX, series: ca.SX, closed: ca.SX) -> ca.SX:
+    return ca.if_else(small, series, closed)
+
+
+def _series(theta2: ca.SX, first: int) -> ca.SX:
+    """Sum of (-theta^2)^n / (2 n + first)!, by Horner's rule."""
+    value = ca.SX(0)
+    for n in range(TERMS, -1, -1):
+        value = 1 / math.factorial(2 * n + first) - theta2 * value
+    return value
+
+
+def _moment_series(kappa2: ca.SX, moments: list[ca.SX], first: int) -> ca.SX:
+    """Sum of (-kappa^2)^n m_{2n + first} / (2 n + first)!."""
+    value = ca.SX(0)
+    last = first + 2 * ((MOMENTS - 1 - first) // 2)
+    for j in range(last, first - 1, -2):
+        value = moments[j] / math.factorial(j) - kappa2 * value
+    return value
+
+
+def _kernel(name: str, w: ca.SX, p: ca.SX, outputs: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, [w, p], [ca.vertcat(*outputs)], ["w", "p"], [name])
+
+
+@cache
+def with_slopes(kernel: ca.Function) -> ca.Function:
+    """(w, p) -> the kernel's outputs (m) and their derivatives by w (m, n), dense."""
+    w, p, value = _symbols(kernel)
+    slopes = ca.densify(ca.jacobian(value, w))
+    name = f"{kernel.name()}_slopes"
+    return ca.Function(name, [w, p], [value, slopes], ["w", "p"], ["value", "slopes"])
+
+
+@cache
+def second_along(kernel: ca.Function) -> ca.Function:
+    """(w, p, a, b) -> second derivative (m) of the kernel along two directions (n) of w."""
+    w, p, value = _symbols(kernel)
+    a, b = ca.SX.sym("a", w.size1()), ca.SX.sym("b", w.size1())
+    along = ca.jtimes(ca.jtimes(value, w, a), w, b)
+    name = f"{kernel.name()}_second"
+    return ca.Function(name, [w, p, a, b], [ca.densify(along)], ["w", "p", "a", "b"], ["second"])
+
+
+def _symbols(kernel: ca.Function) -> tuple[ca.SX, ca.SX, ca.SX]:
+    w, p = ca.SX.sym("w", kernel.size1_in(0)), ca.SX.sym("p", kernel.size1_in(1))
+    return w, p, kernel(w, p)
