@@ -7,6 +7,7 @@ need at each place are in `Tables`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +19,7 @@ from ..activation import strains as strains_of
 from ..anatomy import Trunk
 from ..collocation import Mesh, gauss, mesh_for
 from ..errors import InputError
-from ..loads import Loads, contact_share, couple_density, mass_beyond
+from ..loads import Loads, contact_share, couple_density, internal_force, mass_beyond, vector
 from ..statics import solve_statics
 from .space_rod import MOMENTS
 
@@ -172,9 +173,7 @@ class Model:
             force=self._force(mesh.points, middle[:, None]),
             edge_force=self._force(edges, edges),
             reach=self._reach(edges[:-1, None], mesh.points),
-            piece=np.array(
-                [self._piece(*ends) for ends in zip(edges[:-1], edges[1:], strict=True)]
-            ),
+            piece=np.array([self._piece(*ends) for ends in itertools.pairwise(edges.tolist())]),
         )
 
     def _section(self, Z: np.ndarray) -> np.ndarray:
@@ -257,7 +256,7 @@ def reference(model: Model, x: np.ndarray) -> np.ndarray:
     strain = strains_of(trunk, activation)
     mean = mean_extension(trunk, strain)[:, None]
     own, K, f = strain[:, segment_at(trunk, Z)], stiffness(trunk, Z), trunk.taper(Z)
-    force = np.stack([_force_at(model, load, Z) for load in loads])
+    force = np.stack([internal_force(load, trunk, Z) for load in loads])
     pull = np.sum(directors[:, :, 2] * force, axis=-1)
     zeta = own[..., 0] * (1 + pull * mean / K[:, 0])
     u = own[..., 1:] / f[:, None] + moment * mean[..., None] ** 2 / K[:, 1:]
@@ -266,11 +265,9 @@ def reference(model: Model, x: np.ndarray) -> np.ndarray:
 
 
 def _loads(model: Model, part: dict[str, np.ndarray]) -> Loads:
-    given = {name: part[name] for name in part if name.endswith(("force", "couple"))}
-    return replace(model.loads, gravity=float(part["gravity"][0]), **given)
-
-
-def _force_at(model: Model, loads: Loads, Z: np.ndarray) -> np.ndarray:
-    from ..loads import internal_force
-
-    return internal_force(loads, model.trunk, Z)
+    tip, contact = vector(part["tip_force"]), model.loads.contact_from
+    gravity = float(part["gravity"][0])
+    if contact is None:
+        return Loads(gravity, tip)
+    force, couple = vector(part["contact_force"]), vector(part["contact_couple"])
+    return Loads(gravity, tip, contact, force, couple)

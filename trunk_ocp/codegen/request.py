@@ -37,7 +37,7 @@ class Request:
 
 
 class ToolMissingError(TrunkError):
-    """A program that an export needs is not installed; the message has the line that installs it."""
+    """A program that an export needs is not installed; the message says how to get it."""
 
 
 class CheckError(TrunkError):

@@ -38,7 +38,8 @@ def rates() -> ca.Function:
     q, zeta_hat, N = ca.vertsplit(w[0:4]), w[7], ca.vertsplit(w[12:15])
     d, zeta, u = _strains(w[:15], p)
     dq = [rate / 2 for rate in product(q, (0, *(zeta_hat * u_i for u_i in u)))]
-    dM = [-zeta * a - l for a, l in zip(cross(d[2], N), ca.vertsplit(w[15:18]), strict=True)]
+    couple = ca.vertsplit(w[15:18])
+    dM = [-zeta * a - b for a, b in zip(cross(d[2], N), couple, strict=True)]
     dr = [zeta * d3 for d3 in d[2]]
     return _kernel("rates", w, p, [*dq, *dM, *dr])
 
@@ -97,7 +98,7 @@ def spiral() -> ca.Function:
     With v = zeta_hat c and kappa = |v|, the piece is the integral of exp(l(Z) v) e_3 over Z:
 
         rho = zeta_hat [ g_0 e_3 + g_1 (v . e_3) v + g_2 v x e_3 ],
-        W = int exp(i kappa l) dZ,  g_0 = Re W,  g_1 = (int dZ - Re W) / kappa^2,  g_2 = Im W / kappa.
+        g_0 = Re W,  g_1 = (int dZ - Re W) / kappa^2,  g_2 = Im W / kappa,  W = int exp(i kappa l) dZ.
 
     w (4): zeta_hat, c (3) in 1/m.
     p (4 + 21): l in m; f at the start and at the end; k in 1/m; int l^j dZ for j = 0 ... 20.
