@@ -207,7 +207,7 @@ class Model:
             trunk.taper(end),
             trunk.taper_rate,
         ]
-        return np.array([*map(float, known), *((end - start) / 2 * weights @ powers)])
+        return np.array([*known, *((end - start) / 2 * weights @ powers)], dtype=float)
 
 
 def build_model(

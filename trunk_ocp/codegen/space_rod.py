@@ -98,7 +98,8 @@ def spiral() -> ca.Function:
     With v = zeta_hat c and kappa = |v|, the piece is the integral of exp(l(Z) v) e_3 over Z:
 
         rho = zeta_hat [ g_0 e_3 + g_1 (v . e_3) v + g_2 v x e_3 ],
-        g_0 = Re W,  g_1 = (int dZ - Re W) / kappa^2,  g_2 = Im W / kappa,  W = int exp(i kappa l) dZ.
+        g_0 = Re W,  g_1 = (int dZ - Re W) / kappa^2,  g_2 = Im W / kappa,
+        W = int exp(i kappa l) dZ.
 
     w (4): zeta_hat, c (3) in 1/m.
     p (4 + 21): l in m; f at the start and at the end; k in 1/m; int l^j dZ for j = 0 ... 20.
@@ -117,8 +118,8 @@ def spiral() -> ca.Function:
     g1 = _either(small, _moment_series(kappa2, moments, 2), (moments[0] - real / square) / kappa**2)
     g2 = _either(small, _moment_series(kappa2, moments, 1), imaginary / square / kappa)
     along = [g1 * v[2] * v_i for v_i in v]
-    across = [g2 * x for x in (v[1], -v[0], 0)]
-    rho = [a + b + e for a, b, e in zip(along, across, (0, 0, g0), strict=True)]
+    across = [g2 * v[1], -g2 * v[0]]  # v x e_3
+    rho = [along[0] + across[0], along[1] + across[1], along[2] + g0]
     return _kernel("spiral", w, p, [zeta * x for x in rho])
 
 
