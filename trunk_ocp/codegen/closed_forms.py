@@ -1,154 +1,19 @@
 """Closed forms of one muscle as SymPy expressions: its strain coefficients, and what they move.
 
-Each `Formula` has a name, an expression in the names before it, and its source. LaTeX and
-Python text are both printed from it. Vectors are symbols that do not commute, so that they
-print behind their factors; `a_x_e3` is the vector product of `a` and `e_3`. The order of terms
-is the one written here (nothing is evaluated), because a reader has to recognise them.
+Each `Formula` has a name, an expression in the names before it, and its source.
 """
 
 from __future__ import annotations
 
-import ast
 import math
-import re
-from dataclasses import dataclass
 
 import sympy as sp
 
 from ..anatomy import Muscle, Trunk
+from .notation import SYMBOL, Formula, names, total
 
 DIGITS = 50
 """Of all evaluations: differences of nearly equal terms, as taper or helix vanish, cost some."""
-
-SCALARS = {
-    "R_0": "R_0",
-    "R_1": "R_1",
-    "R_2": "R_2",
-    "Theta_1": r"\Theta_1",
-    "Theta_2": r"\Theta_2",
-    "alpha_2": r"\tilde{\alpha}_2",
-    "nu": r"\nu",
-    "k": "k",
-    "h": "h",
-    "q": "q",
-    "A": "A",
-    "B_1": "B_1",
-    "B_2": "B_2",
-    "C_1": "C_1",
-    "C_2": "C_2",
-    "T_h": "T_h",
-    "T_k": "T_k",
-    "R": "R",
-    "D_ZZ": "D_Z^2",
-    "D_ThetaZ": r"D_\Theta D_Z",
-    "delta_0": r"\delta_0",
-    "delta_1": r"\delta_1",
-    "delta_3": r"\delta_3",
-    "zeta_gamma": r"\hat{\zeta}_\gamma",
-    "c_1_gamma": r"c_{1,\gamma}",
-    "c_2_gamma": r"c_{2,\gamma}",
-    "c_3_gamma": r"c_{3,\gamma}",
-    "Z": "Z",
-    "Z_1": "Z_1",
-    "s": "s",
-    "f": "f",
-    "f_1": "f_1",
-    "ell": r"\ell",
-    "zeta": r"\hat{\zeta}",
-    "c_1": "c_1",
-    "c_2": "c_2",
-    "c_3": "c_3",
-    "kappa": r"\kappa",
-    "theta": r"\theta",
-    "P": "P",
-    "Q": "Q",
-    "P_kappa": r"P_\kappa",
-    "Q_kappa": r"Q_\kappa",
-    "m": "m",
-    "a_i": "a_i",
-    "a_3": "a_3",
-    "kappa_gamma": r"\kappa_\gamma",
-    "a_3_gamma": r"a_{3,\gamma}",
-}
-VECTORS = {
-    "c": r"\mathbf{c}",
-    "c_gamma": r"\mathbf{c}_\gamma",
-    "v": r"\mathbf{v}",
-    "v_gamma": r"\mathbf{v}_\gamma",
-    "a": r"\mathbf{a}",
-    "a_gamma": r"\mathbf{a}_\gamma",
-    "e_i": r"\mathbf{e}_i",
-    "e_3": r"\mathbf{e}_3",
-    "a_x_ei": r"\mathbf{a}\times\mathbf{e}_i",
-    "a_x_e3": r"\mathbf{a}\times\mathbf{e}_3",
-    "a_x_agamma": r"\mathbf{a}\times\mathbf{a}_\gamma",
-    "agamma_x_e3": r"\mathbf{a}_\gamma\times\mathbf{e}_3",
-    "vgamma_x_e3": r"\mathbf{v}_\gamma\times\mathbf{e}_3",
-    "d_i": r"\mathbf{d}_i",
-    "rho": r"\boldsymbol{\rho}",
-    "theta_gamma": r"\boldsymbol{\theta}_\gamma",
-    "rho_gamma": r"\boldsymbol{\rho}_\gamma",
-    "theta_gamma_straight": r"\boldsymbol{\theta}_\gamma",
-    "rho_gamma_straight": r"\boldsymbol{\rho}_\gamma",
-}
-_SYMBOL = {name: sp.Symbol(name, real=True) for name in SCALARS}
-_SYMBOL |= {name: sp.Symbol(name, commutative=False) for name in VECTORS}
-_TEX = {_SYMBOL[name]: tex for name, tex in (SCALARS | VECTORS).items()}
-
-
-@dataclass(frozen=True)
-class Formula:
-    """`name` = `expression`, an expression in the names of formulas before it.
-
-    Attributes
-    ----------
-    source : str
-        Where it comes from: equations of the paper, or what it is.
-    """
-
-    name: str
-    expression: sp.Expr
-    source: str
-
-    @property
-    def tex_name(self) -> str:
-        """Left side in LaTeX."""
-        return (SCALARS | VECTORS)[self.name]
-
-    @property
-    def tex(self) -> str:
-        """Right side in LaTeX."""
-        return tex(self.expression)
-
-    @property
-    def python(self) -> str:
-        """One assignment of Python, with SymPy's names."""
-        text = re.sub(r"\*\*1\b", "", sp.sstr(self.expression, order="none"))
-        plain = ast.unparse(ast.parse(f"{self.name} = {text}"))  # without needless brackets
-        return plain.replace(" ** ", "**")
-
-
-def tex(expression: sp.Expr) -> str:
-    """LaTeX of an expression, printed by SymPy, without brackets round single symbols."""
-    text = sp.latex(
-        expression,
-        order="none",
-        symbol_names=_TEX,
-        inv_trig_style="full",
-        ln_notation=True,
-    )
-    text = re.sub(r"\\(sin|cos|tan|ln)\{\\left\(([^ ]+) \\right\)\}", r"\\\1 \2", text)
-    text = re.sub(r"(\\(?:sin|cos) \\theta) (?=\\mathbf)", r"\1\\, ", text)
-    return text.replace(r"\operatorname{atanh}", r"\operatorname{artanh}")
-
-
-def names(text: str) -> tuple[sp.Symbol, ...]:
-    """Symbols of the names in `text`."""
-    return tuple(_SYMBOL[name] for name in text.split())
-
-
-def _sum(*terms: sp.Expr) -> sp.Expr:
-    return sp.Add(*terms, evaluate=False)
 
 
 def kind(trunk: Trunk, muscle: Muscle) -> str:
@@ -228,7 +93,7 @@ def _of_one_rate(rate: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
         logarithm = sp.log((1 + rate**2 * R_2**2) / (1 + rate**2 * R_1**2))
         angle = (sp.atan(rate * R_2) - sp.atan(rate * R_1)) / rate
         even = (1 + nu) / (2 * rate**2) * logarithm
-        first = (1 + nu) / rate**2 * _sum(R_2, -R_1, -angle)
+        first = (1 + nu) / rate**2 * total(R_2, -R_1, -angle)
     return even, first
 
 
@@ -298,8 +163,8 @@ def _even_helix() -> list[Formula]:
     R_1, R_2, B_1, B_2, T_k, nu, k, h = names("R_1 R_2 B_1 B_2 T_k nu k h")
     with sp.evaluate(False):
         even = (1 + nu) / (2 * k**2) * (1 / B_1**2 - 1 / B_2**2)
-        first = (1 + nu) / (2 * k**2) * _sum(T_k, R_1 / B_1**2 - R_2 / B_2**2)
-        twist = h / k**4 * _sum(B_2, 1 / B_2, -B_1, -1 / B_1)
+        first = (1 + nu) / (2 * k**2) * total(T_k, R_1 / B_1**2 - R_2 / B_2**2)
+        twist = h / k**4 * total(B_2, 1 / B_2, -B_1, -1 / B_1)
     used = [formula for formula in _two_rates() if formula.name in ("B_1", "B_2", "T_k")]
     return [*used, *_factors(even, first, twist)]
 
@@ -365,12 +230,12 @@ def spiral() -> list[Formula]:
             Formula("Q", (kappa * rest - sp.Mul(k, f, sin)) / size, "int sin(theta) dZ"),
             Formula(
                 "d_i",
-                _sum(cos * e_i, sp.Mul(1 - cos, a_i, a), sin * a_x_ei),
+                total(cos * e_i, sp.Mul(1 - cos, a_i, a), sin * a_x_ei),
                 "eq. (14): d_i' = v / f x d_i",
             ),
             Formula(
                 "rho",
-                zeta * _sum(P * e_3, sp.Mul(s - P, a_3, a), Q * a_x_e3),
+                zeta * total(P * e_3, sp.Mul(s - P, a_3, a), Q * a_x_e3),
                 "eq. (14): rho' = zeta d_3",
             ),
         ]
@@ -390,10 +255,10 @@ def spiral_slopes() -> list[Formula]:
     sin, cos = sp.sin(theta), sp.cos(theta)
     with sp.evaluate(False):
         p, q, size = sp.Mul(ell, f, cos) - P, sp.Mul(ell, f, sin) - Q, k**2 + kappa**2
-        turn = _sum(sp.Mul(ell, kappa_gamma, a), sin * a_gamma, (1 - cos) * a_x_agamma)
-        longer = kappa_gamma * _sum(P_kappa * (e_3 - a_3 * a), Q_kappa * a_x_e3)
-        tilted = _sum((s - P) * (a_3_gamma * a + a_3 * a_gamma), Q * agamma_x_e3)
-        move = _sum(zeta_gamma / zeta * rho, zeta * longer, zeta * tilted)
+        turn = total(sp.Mul(ell, kappa_gamma, a), sin * a_gamma, (1 - cos) * a_x_agamma)
+        longer = kappa_gamma * total(P_kappa * (e_3 - a_3 * a), Q_kappa * a_x_e3)
+        tilted = total((s - P) * (a_3_gamma * a + a_3 * a_gamma), Q * agamma_x_e3)
+        move = total(zeta_gamma / zeta * rho, zeta * longer, zeta * tilted)
         return [
             Formula("theta_gamma", turn, "derivative of exp(l [v]x)"),
             Formula("P_kappa", (kappa * p + k * q) / size, "derivative of P by kappa"),
@@ -441,11 +306,11 @@ def given(trunk: Trunk, muscle: Muscle) -> dict[str, float]:
 
 def coefficient_values(trunk: Trunk, muscle: Muscle) -> dict[str, sp.Expr]:
     """Value of each of `coefficient_formulas`, to `DIGITS` digits less what cancels."""
-    values = {_SYMBOL[name]: sp.Float(x, DIGITS) for name, x in given(trunk, muscle).items()}
+    values = {SYMBOL[name]: sp.Float(x, DIGITS) for name, x in given(trunk, muscle).items()}
     formulas = coefficient_formulas(kind(trunk, muscle))
     for formula in formulas:
-        values[_SYMBOL[formula.name]] = sp.N(formula.expression.doit().subs(values), DIGITS)
-    return {formula.name: values[_SYMBOL[formula.name]] for formula in formulas}
+        values[SYMBOL[formula.name]] = sp.N(formula.expression.doit().subs(values), DIGITS)
+    return {formula.name: values[SYMBOL[formula.name]] for formula in formulas}
 
 
 def rest_slopes(trunk: Trunk, muscle: Muscle) -> dict[str, list[float]]:
@@ -456,13 +321,13 @@ def rest_slopes(trunk: Trunk, muscle: Muscle) -> dict[str, list[float]]:
     start, end = trunk.edges[muscle.segment : muscle.segment + 2]
     tapered = trunk.taper_rate > 0
     values: dict[sp.Symbol, sp.Expr] = {
-        _SYMBOL[name]: sp.Float(x, DIGITS)
+        SYMBOL[name]: sp.Float(x, DIGITS)
         for name, x in {"k": trunk.taper_rate, "Z": end, "Z_1": start, "zeta": 1.0}.items()
     }
     slopes = coefficient_values(trunk, muscle)
-    values[_SYMBOL["zeta_gamma"]] = slopes["zeta_gamma"]
+    values[SYMBOL["zeta_gamma"]] = slopes["zeta_gamma"]
     for formula in [*stretched(tapered), *straight_slopes(tapered)[:1]]:
-        values[_SYMBOL[formula.name]] = sp.N(formula.expression.doit().subs(values), DIGITS)
+        values[SYMBOL[formula.name]] = sp.N(formula.expression.doit().subs(values), DIGITS)
     ell, s, m = (values[x] for x in names("ell s m"))
     c_1, c_2, c_3 = (slopes[f"c_{i}_gamma"] for i in (1, 2, 3))
     turn = [ell * c_1, ell * c_2, ell * c_3]

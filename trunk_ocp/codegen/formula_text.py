@@ -15,7 +15,7 @@ from importlib.resources import files
 
 from ..anatomy import Muscle, Trunk
 from . import closed_forms as forms
-from .closed_forms import Formula
+from .notation import SCALARS, Formula, tex
 
 LONG = 260
 """Characters of LaTeX in one row; a longer sum is broken."""
@@ -127,12 +127,12 @@ def latex_page(trunk: Trunk, muscle: Muscle) -> str:
         "products": _gather([forms.fibre(kind)]),
         "factors": _lines(factors),
         "parts": _parts(parts),
-        "remark": _REMARK.get(kind, ""),
+        "remark": f"{_REMARK[kind]}\n" if kind in _REMARK else "",
         "coefficients": _pairs([parts[f"{n}_gamma"] for n in ("zeta", "c_3", "c_1", "c_2")]),
         "table": _table(trunk, muscle),
         "axis": _row(_equation(v), r"\kappa = |\mathbf{v}|", _equation(a)),
         "along": _gather([[along["s"], along["f"], along["f_1"]], [along["ell"], spiral["theta"]]]),
-        "lengths": _pairs([spiral["P"], spiral["Q"]]),
+        "lengths": _pairs([spiral["P"], spiral["Q"]], ","),
         "spiral": _lines([spiral["d_i"], spiral["rho"]]),
         "axis_slopes": _row(
             _equation(v_gamma),
@@ -140,7 +140,7 @@ def latex_page(trunk: Trunk, muscle: Muscle) -> str:
             _equation(a_gamma),
         ),
         "slopes": _lines([slopes["theta_gamma"], slopes["rho_gamma"]]),
-        "length_slopes": _pairs([slopes["P_kappa"], slopes["Q_kappa"]]),
+        "length_slopes": _lines([slopes["P_kappa"], slopes["Q_kappa"]], ","),
         "straight": _gather([forms.straight_slopes(tapered)]),
         "rest": _rest(trunk, muscle),
     }
@@ -156,32 +156,36 @@ def _parts(formulas: dict[str, Formula]) -> str:
     """What the radial factors are made of, if anything."""
     rows = ("h", "B_1", "B_2"), ("q", "A", "C_1", "C_2"), ("T_h", "T_k")
     present = [[formulas[name] for name in row if name in formulas] for row in rows]
-    shown = [row for row in present if row]
-    return f"With\n\\begin{{gather*}}\n{_gather(shown)}\n\\end{{gather*}}" if shown else "Here"
+    shown = _gather([row for row in present if row], ",")
+    if not any(present):
+        return "eq.~(A.4) follows:"
+    return (
+        f"eq.~(A.4) follows. With\n\\begin{{gather*}}\n{shown}\n\\end{{gather*}}\nits factors are"
+    )
 
 
-def _lines(formulas: Sequence[Formula]) -> str:
+def _lines(formulas: Sequence[Formula], end: str = ".") -> str:
     """Rows of an align environment, one formula each; a long sum goes on in the next row."""
     rows = []
     for formula in formulas:
         if len(formula.tex) <= LONG:
             rows.append(_equation(formula, "&="))
             continue
-        *first, last = (forms.tex(term) for term in formula.expression.args)
+        *first, last = (tex(term) for term in formula.expression.args)
         rows.append(f"{formula.tex_name} &= {' + '.join(first)}\\\\\n&\\quad + {last}")
-    return ",\\\\\n".join(rows) + "."
+    return ",\\\\\n".join(rows) + end
 
 
-def _pairs(formulas: Sequence[Formula]) -> str:
+def _pairs(formulas: Sequence[Formula], end: str = ".") -> str:
     """Rows of an align environment, two formulas each."""
     each = [_equation(formula, "&=") for formula in formulas]
     rows = [", & ".join(each[i : i + 2]) for i in range(0, len(each), 2)]
-    return ",\\\\\n".join(rows) + "."
+    return ",\\\\\n".join(rows) + end
 
 
-def _gather(rows: Sequence[Sequence[Formula]]) -> str:
+def _gather(rows: Sequence[Sequence[Formula]], end: str = ".") -> str:
     """Rows of a gather environment."""
-    return ",\\\\\n".join(_row(*map(_equation, row))[:-1] for row in rows) + "."
+    return ",\\\\\n".join(_row(*map(_equation, row))[:-1] for row in rows) + end
 
 
 def _row(*equations: str) -> str:
@@ -192,11 +196,10 @@ def _table(trunk: Trunk, muscle: Muscle) -> str:
     """Numbers of the muscle, in two columns: what is given, and what follows."""
     start, end = trunk.edges[muscle.segment : muscle.segment + 2]
     values = forms.coefficient_values(trunk, muscle)
-    tex = forms.SCALARS
     left = [("Z_1", start, "m"), ("Z_2", end, "m")]
-    left += [(tex[n], x, _UNITS.get(n, "")) for n, x in forms.given(trunk, muscle).items()]
+    left += [(SCALARS[n], x, _UNITS.get(n, "")) for n, x in forms.given(trunk, muscle).items()]
     follows = [n for n in values if n == "h" or n.startswith("delta") or n.endswith("_gamma")]
-    right = [(tex[n], float(values[n]), _UNITS.get(n, "")) for n in follows]
+    right = [(SCALARS[n], float(values[n]), _UNITS.get(n, "")) for n in follows]
     empty = ("", math.nan, "")
     rows = max(len(left), len(right))
     left += [empty] * (rows - len(left))
@@ -244,7 +247,7 @@ def _escaped(text: str) -> str:
 
 
 def _words(trunk: Trunk, muscle: Muscle) -> dict[str, str]:
-    sort = muscle.architecture
+    sort: str = muscle.architecture
     if sort == "helical":
         sort = "right-handed helical" if muscle.helix > 0 else "left-handed helical"
     return {

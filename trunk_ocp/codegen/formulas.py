@@ -190,7 +190,7 @@ def _slope(
     start, end = trunk.edges[segment : segment + 2]
     rate = np.linalg.norm(slopes[0] * np.array(c) + extension * slopes[1:])
     rate *= (end - start) / float(trunk.taper(end))
-    step = 0.04 / max(rate, 0.5)
+    step = 0.04 / max(float(rate), 0.5)
     steps = np.arange(1, 5)
     weights = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
     each = np.zeros((8, len(trunk.subdomains)))
