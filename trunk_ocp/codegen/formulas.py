@@ -72,7 +72,7 @@ def check_sympy(folder: Path) -> str:
     """
     if util.find_spec("sympy") is None:
         raise ToolMissingError(SYMPY_MISSING)
-    return _run([sys.executable, "check_formulas.py"], folder)
+    return _run([sys.executable, "-B", "check_formulas.py"], folder)
 
 
 def check_latex(folder: Path) -> str:
