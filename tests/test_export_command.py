@@ -94,7 +94,7 @@ def test_a_check_that_does_not_end_well_is_told(tmp_path, monkeypatch):
 def test_a_missing_package_is_told_with_the_line_that_installs_it(tmp_path, monkeypatch):
     assert export("asian-elephant", "--to", "casadi", "--out", tmp_path).exit_code == 0
     monkeypatch.setattr(texts, "find_spec", lambda name: None)
-    with pytest.raises(ToolMissingError, match="needs casadi, .* pip install casadi"):
+    with pytest.raises(ToolMissingError, match=r"needs casadi, .* pip install casadi"):
         check_export(tmp_path, "casadi")
 
 
