@@ -49,8 +49,8 @@ def unloaded_in(xp, controls, slopes: bool = True):
     activation, head = controls[..., INPUTS["activation"]], controls[..., INPUTS["head"]]
     strain = [float(i == 0) + activation @ like(STRAIN[SEGMENT, i].T) for i in range(4)]
     pose = _outputs(xp, base_slopes, [head[..., 0], head[..., 1]], [], 7, 2)
-    turn = _outputs(xp, turn_slopes, strain, like(PIECE[:, :1].T), 4, 4)
-    rho = _outputs(xp, spiral_slopes, strain, like(PIECE.T), 3, 4)
+    turn = _outputs(xp, turn_slopes, strain, [like(PIECE[:, 0])], 4, 4)
+    rho = _outputs(xp, spiral_slopes, strain, [like(p) for p in PIECE.T], 3, 4)
     T, step = _rows(xp, _directors(turn[0])), _rows(xp, [rho[0]])
     D, r = [_rows(xp, _directors(pose[0][:4]))], [_rows(xp, [pose[0][4:]])]
     for e in range(len(SEGMENT)):
