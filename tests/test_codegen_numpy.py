@@ -121,6 +121,17 @@ def test_a_load_beyond_equilibrium_is_named_with_the_share_reached(module, x, mo
         module.loaded(some)
 
 
+def test_a_shape_that_has_no_answer_does_not_harm_its_neighbours(module, x):
+    """Loads so large that matrices become singular: its own error, and NaN nowhere else."""
+    hard = x.copy()
+    hard[1, 30:] *= 1e6
+    with pytest.raises(module.NoShape, match=r"shape \(1,\)"):
+        module.loaded(hard)
+    inside, _, converged = module._newton(hard, module._unbent(hard))
+    np.testing.assert_array_equal(converged, [True, False, True, True])
+    np.testing.assert_allclose(inside[2], module._solve(x)[0][2], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
