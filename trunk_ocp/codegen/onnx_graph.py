@@ -1,6 +1,6 @@
 """Arrays that record what is done to them as an ONNX graph.
 
-They know the part of the Python array API that templates/python/unloaded.py uses, so that the
+They know the functions that templates/python/unloaded.py uses, so that the
 NumPy module's own source becomes the ONNX model. Numbers among themselves are left to NumPy.
 """
 
@@ -85,14 +85,14 @@ class Recorder:
         """Zeros."""
         return 0.0 * x
 
-    def concat(self, parts: Sequence[Array], axis: int) -> Array:
+    def concatenate(self, parts: Sequence[Array], axis: int) -> Array:
         """Arrays one after the other."""
         return self.add("Concat", *parts, axis=axis)
 
     def stack(self, parts: Sequence[Array], axis: int) -> Array:
         """Arrays side by side along a new axis."""
         where = np.array([axis])
-        return self.concat([self.add("Unsqueeze", part, where) for part in parts], axis)
+        return self.concatenate([self.add("Unsqueeze", part, where) for part in parts], axis)
 
 
 class Array:

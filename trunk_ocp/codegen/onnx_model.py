@@ -99,7 +99,7 @@ def build_onnx(onnx: ModuleType, request: Request) -> Any:
     recorder = Recorder(onnx, np.float32 if request.single else np.float64)
     inputs = {name: Array(recorder, name) for name in ("activation", "head")}
     slopes = request.what == "jacobian"
-    y, J = module.unloaded_in(recorder, recorder.concat([*inputs.values()], -1), slopes)
+    y, J = module.unloaded_in(recorder, recorder.concatenate([*inputs.values()], -1), slopes)
     outputs = {name: _named(y[..., part.at], name, part.shape) for name, part in OUTPUTS.items()}
     controls = request.model.layout.controls
     if slopes:
