@@ -18,9 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .model import Model
 from .numpy_module import CHECK, check_text, module_text, run_check
-from .onnx_graph import IR, OPSET, Array, Recorder
 from .request import Request, ToolMissingError
 
 NAME = "trunk.onnx"
@@ -65,14 +63,13 @@ def write_onnx(request: Request) -> dict[str, str | bytes]:
     Raises
     ------
     ToolMissingError
-        If the package onnx is not installed.
+        If the package ndonnx is not installed.
     """
     try:
-        onnx = importlib.import_module("onnx")
+        ndonnx = importlib.import_module("ndonnx")
     except ImportError as error:
-        raise ToolMissingError(f"Writing ONNX needs the package onnx: {ASK}") from error
-    model = build_onnx(onnx, request)
-    onnx.checker.check_model(model, full_check=True)
+        raise ToolMissingError(f"Writing ONNX needs the package ndonnx: {ASK}") from error
+    model = build_onnx(ndonnx, request)
     files: dict[str, str | bytes] = {NAME: model.SerializeToString()}
     return files | {"README.txt": _readme(request), CHECK: check_text("onnx")}
 
@@ -92,47 +89,54 @@ def check_onnx(folder: Path) -> str:
     return run_check(folder)
 
 
-def build_onnx(onnx: ModuleType, request: Request) -> Any:
-    """The ModelProto: what the NumPy module's own source does to recording arrays."""
+def build_onnx(ndonnx: ModuleType, request: Request) -> Any:
+    """The ModelProto: what the NumPy module's own source does to arrays of ndonnx."""
+    kind = np.float32 if request.single else np.float64
+    library = _Library(ndonnx, kind)
     module = ModuleType("trunk_numpy")
     exec(module_text(request), module.__dict__)
-    recorder = Recorder(onnx, np.float32 if request.single else np.float64)
-    inputs = {name: Array(recorder, name) for name in ("activation", "head")}
+    sizes = {"activation": request.model.layout.controls - 2, "head": 2}
+    inputs = {
+        name: ndonnx.argument(shape=("B", size), dtype=library.dtype)
+        for name, size in sizes.items()
+    }
     slopes = request.what == "jacobian"
-    y, J = module.unloaded_in(recorder, recorder.concatenate([*inputs.values()], -1), slopes)
-    outputs = {name: _named(y[..., part.at], name, part.shape) for name, part in OUTPUTS.items()}
-    controls = request.model.layout.controls
+    y, J = module.unloaded_in(library, library.concatenate([*inputs.values()], -1), slopes)
+    points, controls = len(request.model.Z), request.model.layout.controls
+
+    parts = {name: (y[..., part.at], part.shape) for name, part in OUTPUTS.items()}
     if slopes:
-        for name, part in OUTPUTS.items():
-            shape = (*part.shape, controls)
-            outputs |= {f"{name}_jacobian": _named(J[..., part.at, :], f"{name}_jacobian", shape)}
-    nodes, constants = recorder.needed([*outputs.values()])
-    graph = onnx.helper.make_graph(
-        nodes,
-        "unloaded",
-        [_info(onnx, recorder, name, ("B", size)) for name, size in _inputs(request.model).items()],
-        [
-            _info(onnx, recorder, name, ("B", len(request.model.Z), *shape))
-            for name, (shape, _) in _outputs(request).items()
-        ],
-        constants,
-    )
-    return _model(onnx, graph, request)
+        parts |= {
+            f"{name}_jacobian": (J[..., part.at, :], (*part.shape, controls))
+            for name, part in OUTPUTS.items()
+        }
+    outputs = {
+        name: ndonnx.reshape(part, (-1, points, *shape)) for name, (part, shape) in parts.items()
+    }
+    return _described(ndonnx.build(inputs, outputs), request)
 
 
-def _named(array: Array, name: str, shape: tuple[int, ...]) -> Array:
-    """An array (B, n, ...) of a shape for each point, under a name."""
-    recorder = array.recorder
-    target = np.array([0, 0, *shape])  # 0: as it is
-    node = recorder.onnx.helper.make_node(
-        "Reshape", [array.name, recorder.constant(target)], [name], name=name
-    )
-    recorder.nodes.append(node)
-    return Array(recorder, name)
+class _Library:
+    """Ndonnx, an array library whose functions record an ONNX graph, as the module needs it."""
 
+    def __init__(self, ndonnx: ModuleType, kind: type[np.floating[Any]]) -> None:
+        self.ndonnx, self.kind = ndonnx, kind
+        self.dtype = getattr(ndonnx, kind.__name__)
 
-def _inputs(model: Model) -> dict[str, int]:
-    return {"activation": len(model.trunk.muscles), "head": 2}
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.ndonnx, name)
+
+    def asarray(self, table: np.ndarray, dtype: object) -> Any:
+        """A table, as numbers."""
+        return self.ndonnx.asarray(np.asarray(table, dtype=self.kind))
+
+    def cos(self, x: Any) -> Any:
+        """Cosine, which onnxruntime does not have in double precision."""
+        return self.ndonnx.sin(x + np.pi / 2)
+
+    def concatenate(self, parts: Sequence[Any], axis: int) -> Any:
+        """Arrays one after the other."""
+        return self.ndonnx.concat([*parts], axis=axis)
 
 
 def _outputs(request: Request) -> dict[str, tuple[tuple[int, ...], str]]:
@@ -146,31 +150,18 @@ def _outputs(request: Request) -> dict[str, tuple[tuple[int, ...], str]]:
     return told
 
 
-def _info(onnx: ModuleType, recorder: Recorder, name: str, shape: tuple[int | str, ...]) -> Any:
-    kind = onnx.helper.np_dtype_to_tensor_dtype(recorder.dtype)
-    return onnx.helper.make_tensor_value_info(name, kind, shape)
-
-
-def _model(onnx: ModuleType, graph: Any, request: Request) -> Any:
-    """The graph with what a reader of the file should know."""
-    helper = onnx.helper
-    model = helper.make_model(
-        graph,
-        opset_imports=[helper.make_opsetid("", OPSET)],
-        ir_version=IR,
-        producer_name="trunk_ocp",
-        producer_version=version("trunk_ocp"),
-        doc_string=_readme(request),
-    )
-    helper.set_model_props(
-        model,
-        {
-            "trunk": request.name,
-            "muscles": ", ".join(request.model.trunk.muscles),
-            "Z": ", ".join(f"{Z!r}" for Z in request.model.Z),
-            "units": "m, rad, 1/m",
-        },
-    )
+def _described(model: Any, request: Request) -> Any:
+    """The model with what a reader of the file should know."""
+    model.producer_name, model.producer_version = "trunk_ocp", version("trunk_ocp")
+    model.doc_string = _readme(request)
+    told = {
+        "trunk": request.name,
+        "muscles": ", ".join(request.model.trunk.muscles),
+        "Z": ", ".join(f"{Z!r}" for Z in request.model.Z),
+        "units": "m, rad, 1/m",
+    }
+    for key, value in told.items():
+        model.metadata_props.add(key=key, value=value)
     return model
 
 
