@@ -1,0 +1,407 @@
+/*
+ * The shape under load
+ * --------------------
+ * In space axes q' = q o (0, zeta_hat u) / 2, M' = -zeta d3 x N - l and r' = zeta d3, collocated
+ * at TRUNK_NODES Gauss points of each element. M is a quadrature of M', so that the orientations
+ * q at the Gauss points are all that an element has to solve for. Newton's method; each
+ * element is condensed onto q and M at its start, and M(L) = 0 gives M(0).
+ *
+ * Numbers of the Gauss points of an element stand component by component: that of component c
+ * at point j is at [NODES * c + j].
+ */
+
+#define ENDS TRUNK_ENDS
+#define MOST_STEPS 40
+#define SMALLEST_LOAD_STEP 1e-4
+
+static void clear(double *to, size_t count)
+{
+    for (size_t i = 0; i < count; i++) to[i] = 0;
+}
+
+static int all_finite(const double *x, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!isfinite(x[i])) return 0;
+    return 1;
+}
+
+static double largest(double bound, const double *x, int count)
+{
+    for (int i = 0; i < count; i++) {
+        const double size = fabs(x[i]);
+        if (!(size <= bound)) bound = size; /* keeps what is not a number */
+    }
+    return bound;
+}
+
+/* Strains of the segments; a status. */
+static int set_strain(const double *activation, double strain[TRUNK_SEGMENTS][4], double *mean)
+{
+    for (int s = 0; s < TRUNK_SEGMENTS; s++)
+        for (int i = 0; i < 4; i++) strain[s][i] = i == 0;
+    for (int m = 0; m < TRUNK_MUSCLES; m++)
+        for (int i = 0; i < 4; i++)
+            strain[muscle_segment[m]][i] += muscle_strain[m][i] * activation[m];
+    *mean = 0;
+    for (int s = 0; s < TRUNK_SEGMENTS; s++) {
+        if (!(strain[s][0] > 0)) return TRUNK_COLLAPSED;
+        *mean += fraction[s] * strain[s][0];
+    }
+    return TRUNK_OK;
+}
+
+/* Force N on a section with this mass and share of the contact force beyond it. */
+static void section_force(const double *load, double mass, double share, double N[3])
+{
+    for (int i = 0; i < 3; i++) N[i] = load[1 + i];
+    N[2] += mass * load[0];
+#if TRUNK_CONTACT
+    for (int i = 0; i < 3; i++) N[i] += share * load[4 + i];
+#else
+    (void)share;
+#endif
+}
+
+/* Loads times a factor, at the Gauss points. */
+static void set_loads(trunk_work *work, const double *x, double factor)
+{
+    for (int i = 0; i < TRUNK_LOADS; i++) work->load[i] = factor * x[TRUNK_GRAVITY + i];
+    for (int e = 0; e < TRUNK_ELEMENTS; e++) {
+        for (int j = 0; j < NODES; j++) {
+            double N[3];
+            section_force(work->load, point_mass[e][j], point_share[e][j], N);
+            for (int i = 0; i < 3; i++) work->force[e][NODES * i + j] = N[i];
+        }
+        for (int i = 0; i < 3; i++) {
+#if TRUNK_CONTACT
+            work->couple[e][i] = couple_density[e] * work->load[7 + i];
+#else
+            work->couple[e][i] = 0;
+#endif
+        }
+    }
+}
+
+/* w of an element's Gauss points: all but M. */
+static void gather(const trunk_work *work, int e, double w[18 * NODES])
+{
+    const double *strain = work->strain[element_segment[e]];
+    for (int i = 0; i < 4 * NODES; i++) w[i] = work->shape.q[e][i];
+    for (int i = 0; i < 3 * NODES; i++) w[12 * NODES + i] = work->force[e][i];
+    for (int j = 0; j < NODES; j++) {
+        for (int i = 0; i < 4; i++) w[NODES * (7 + i) + j] = strain[i];
+        w[NODES * 11 + j] = work->mean;
+        for (int i = 0; i < 3; i++) w[NODES * (15 + i) + j] = work->couple[e][i];
+    }
+}
+
+/* Values at the Gauss points from those at the start and h times rates; returns that at the end. */
+static double integrate(double start, double h, const double *rate, double *at)
+{
+    double end = 0;
+    for (int j = 0; j < NODES; j++) at[j] = 0;
+    for (int k = 0; k < NODES; k++) {
+        for (int j = 0; j < NODES; j++) at[j] += gauss_A[k][j] * rate[k];
+        end += gauss_b[k] * rate[k];
+    }
+    for (int j = 0; j < NODES; j++) at[j] = start + h * at[j];
+    return start + h * end;
+}
+
+/* Set M in w and at the element's end. */
+static void set_moments(trunk_work *work, int e, const double *rate, double w[18 * NODES])
+{
+    for (int i = 0; i < 3; i++)
+        work->shape.moment[e + 1][i] = integrate(
+            work->shape.moment[e][i], width[e], rate + NODES * i, w + NODES * (4 + i));
+}
+
+/* Gaussian elimination with pivoting of the rows of [matrix | right-hand sides]. */
+static int eliminate(trunk_element *a)
+{
+    for (int k = 0; k < TRUNK_Q; k++) {
+        double *row = a->lu[k];
+        int best = k;
+        for (int i = k + 1; i < TRUNK_Q; i++)
+            if (fabs(a->lu[i][k]) > fabs(a->lu[best][k])) best = i;
+        a->order[k] = best;
+        if (best != k)
+            for (int c = 0; c < TRUNK_Q + ENDS; c++) {
+                const double swapped = row[c];
+                row[c] = a->lu[best][c];
+                a->lu[best][c] = swapped;
+            }
+        if (!(fabs(row[k]) > 0)) return 0;
+        a->pivot[k] = 1 / row[k];
+        for (int i = k + 1; i < TRUNK_Q; i++) {
+            double *below = a->lu[i];
+            const double factor = below[k] * a->pivot[k];
+            below[k] = factor;
+            for (int c = k + 1; c < TRUNK_Q + ENDS; c++) below[c] -= factor * row[c];
+        }
+    }
+    for (int i = TRUNK_Q - 1; i >= 0; i--) {
+        double sum[ENDS];
+        for (int c = 0; c < ENDS; c++) sum[c] = a->lu[i][TRUNK_Q + c];
+        for (int k = i + 1; k < TRUNK_Q; k++)
+            for (int c = 0; c < ENDS; c++) sum[c] -= a->lu[i][k] * a->lu[k][TRUNK_Q + c];
+        for (int c = 0; c < ENDS; c++) a->lu[i][TRUNK_Q + c] = a->pivot[i] * sum[c];
+    }
+    return 1;
+}
+
+/* Solve with the transpose of what was eliminated, in place. */
+static void solve_transposed(const trunk_element *a, double x[TRUNK_Q])
+{
+    for (int i = 0; i < TRUNK_Q; i++) {
+        x[i] *= a->pivot[i];
+        for (int k = i + 1; k < TRUNK_Q; k++) x[k] -= a->lu[i][k] * x[i];
+    }
+    for (int i = TRUNK_Q - 1; i > 0; i--)
+        for (int k = 0; k < i; k++) x[k] -= a->lu[i][k] * x[i];
+    for (int i = TRUNK_Q - 1; i >= 0; i--) {
+        const int other = a->order[i];
+        const double swapped = x[i];
+        x[i] = x[other];
+        x[other] = swapped;
+    }
+}
+
+/*
+ * The equations of an element, differentiated and multiplied by the inverse of gauss_A,
+ *     sum_k D_jk (dq_k - dq_a) = h [Qq_j dq_j + Qm_j (dM_a + h sum_k A_jk mq_k dq_k)] + h f_j,
+ * as the transpose of their matrix, beside the weights of dq in the element's ends.
+ */
+static void set_matrix(trunk_element *a, double h, const double *frame, const double *force)
+{
+    for (int c = 0; c < 4; c++) {
+        for (int k = 0; k < NODES; k++) {
+            double *row = a->lu[NODES * c + k];
+            double mq[3];
+            for (int m = 0; m < 3; m++) mq[m] = h * h * force[NODES * (6 * c + m) + k];
+            for (int r = 0; r < 4; r++) {
+                const double *Qm = a->by_moment + NODES * r;
+                for (int j = 0; j < NODES; j++)
+                    row[NODES * r + j] =
+                        -gauss_A[k][j] * (Qm[j] * mq[0] + Qm[4 * NODES + j] * mq[1]
+                                          + Qm[8 * NODES + j] * mq[2]);
+                row[NODES * r + k] -= h * frame[NODES * (4 * c + r) + k];
+            }
+            for (int j = 0; j < NODES; j++) row[NODES * c + j] += gauss_D[k][j];
+            for (int r = 0; r < 4; r++) row[TRUNK_Q + r] = r == c ? gauss_end[k] : 0;
+            for (int r = 0; r < 6; r++)
+                row[TRUNK_Q + 4 + r] = h * gauss_b[k] * force[NODES * (6 * c + r) + k];
+        }
+    }
+}
+
+/* to += factor * from, for what an element hands on. */
+static void add(double to[ENDS], double factor, const double from[ENDS])
+{
+    for (int i = 0; i < ENDS; i++) to[i] += factor * from[i];
+}
+
+/* Weights on M', and the ends by q and M at the start. */
+static void set_start_map(trunk_element *a, double h)
+{
+    double on_turn[3 * NODES][ENDS];
+    clear(on_turn[0], sizeof on_turn / sizeof(double));
+    clear(a->map[0], sizeof a->map / sizeof(double));
+    clear(a->on_moment[0], sizeof a->on_moment / sizeof(double));
+    for (int m = 0; m < 3; m++) {
+        a->map[4 + m][4 + m] = 1;
+        for (int j = 0; j < NODES; j++) {
+            double *weights = on_turn[NODES * m + j];
+            for (int c = 0; c < 4; c++)
+                add(weights, h * a->by_moment[NODES * (4 * m + c) + j],
+                    a->lu[NODES * c + j] + TRUNK_Q);
+            add(a->map[4 + m], 1, weights);
+        }
+        for (int k = 0; k < NODES; k++) {
+            double *weights = a->on_moment[NODES * m + k];
+            weights[4 + m] = h * gauss_b[k];
+            for (int j = 0; j < NODES; j++) add(weights, h * gauss_A[k][j], on_turn[NODES * m + j]);
+        }
+    }
+    for (int c = 0; c < 4; c++) {
+        a->map[c][c] = 1;
+        for (int j = 0; j < NODES; j++) {
+            a->map[c][c] -= gauss_end[j];
+            add(a->map[c], gauss_sum[j], a->lu[NODES * c + j] + TRUNK_Q);
+        }
+    }
+}
+
+/* What rates q' (4), M' (3), r' (3) at Gauss point j add to an element's ends. */
+static void add_rates(double to[ENDS], const trunk_element *a, double h, int j, const double f[10])
+{
+    for (int c = 0; c < 4; c++) add(to, h * f[c], a->lu[NODES * c + j] + TRUNK_Q);
+    for (int m = 0; m < 3; m++) {
+        add(to, f[4 + m], a->on_moment[NODES * m + j]);
+        to[7 + m] += h * gauss_b[j] * f[7 + m];
+    }
+}
+
+/* The ends of an element by its own parameters. */
+static void set_own_map(trunk_element *a, int e, const double *frame, const double *force)
+{
+    static const int place[5] = {4, -1, -1, -1, 5}; /* of zeta, c, mean among force's slopes */
+    double (*const map)[ENDS] = a->map + 7, h = width[e];
+    for (int j = 0; j < NODES; j++) {
+        double f[10], by_force[3][ENDS];
+        for (int own = 0; own < 5; own++) {
+            for (int c = 0; c < 4; c++) f[c] = frame[NODES * (4 * (7 + own) + c) + j];
+            for (int m = 0; m < 6; m++)
+                f[4 + m] = place[own] < 0 ? 0 : force[NODES * (6 * place[own] + m) + j];
+            add_rates(map[own], a, h, j, f);
+        }
+        clear(by_force[0], sizeof by_force / sizeof(double));
+        for (int i = 0; i < 3; i++) {
+            for (int m = 0; m < 3; m++) {
+                add(by_force[i], force[NODES * (6 * (6 + i) + m) + j], a->on_moment[NODES * m + j]);
+                by_force[i][7 + m] += h * gauss_b[j] * force[NODES * (6 * (6 + i) + 3 + m) + j];
+            }
+            add(map[6 + i], 1, by_force[i]);
+#if TRUNK_CONTACT
+            add(map[9 + i], point_share[e][j], by_force[i]);
+            add(map[12 + i], -couple_density[e], a->on_moment[NODES * i + j]);
+#endif
+        }
+        add(map[5], point_mass[e][j], by_force[2]);
+    }
+}
+
+/* The inverse of a 3 x 3 matrix given by columns of numbers [4 .. 6]; 0 if it has none. */
+static int invert(double inverse[3][3], double columns[3][ENDS])
+{
+    double determinant = 0;
+    for (int i = 0; i < 3; i++) {
+        const double *b = columns[(i + 1) % 3] + 4, *c = columns[(i + 2) % 3] + 4;
+        for (int k = 0; k < 3; k++)
+            inverse[i][k] = b[(k + 1) % 3] * c[(k + 2) % 3] - b[(k + 2) % 3] * c[(k + 1) % 3];
+    }
+    for (int k = 0; k < 3; k++) determinant += columns[0][4 + k] * inverse[0][k];
+    if (!(fabs(determinant) > 0)) return 0;
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) inverse[i][k] /= determinant;
+    return 1;
+}
+
+/* Linearise all elements at the shape in the work; 0 if that cannot be solved. */
+static int linearise(trunk_work *work)
+{
+    work->linear = 0;
+    clear(work->by_start[0][0], 3 * ENDS);
+    for (int m = 0; m < 3; m++) work->by_start[0][m][4 + m] = 1;
+    for (int e = 0; e < TRUNK_ELEMENTS; e++) {
+        trunk_element *a = &work->element[e];
+        double w[18 * NODES], rate[6 * NODES], frame[48 * NODES], force[54 * NODES];
+        gather(work, e, w);
+        force_slopes(w, section[e], rate, force);
+        set_moments(work, e, rate, w);
+        frame_slopes(w, section[e], rate, frame);
+        for (int i = 0; i < 12 * NODES; i++) a->by_moment[i] = frame[16 * NODES + i];
+        set_matrix(a, width[e], frame, force);
+        if (!eliminate(a)) return 0;
+        set_start_map(a, width[e]);
+        set_own_map(a, e, frame, force);
+        for (int m = 0; m < 3; m++) {
+            double *to = work->by_start[e + 1][m];
+            for (int i = 0; i < ENDS; i++) to[i] = i < 7 ? 0 : work->by_start[e][m][i];
+            for (int i = 0; i < 7; i++) add(to, work->by_start[e][m][i], a->map[i]);
+        }
+    }
+    work->linear = invert(work->closing, work->by_start[TRUNK_ELEMENTS]);
+    return work->linear;
+}
+
+/* Residuals of an element, as rates times h; returns what they make of a change at its start. */
+static void hand_on(trunk_work *work, int e, double residual[TRUNK_Q], const double from[7],
+                    double to[ENDS])
+{
+    const trunk_element *a = &work->element[e];
+    const double *q = work->shape.q[e], *start = work->shape.edge[e];
+    double w[18 * NODES], rate[6 * NODES];
+    gather(work, e, w);
+    force_rates(w, section[e], rate);
+    set_moments(work, e, rate, w);
+    frame_rates(w, section[e], rate);
+    for (int i = 0; i < ENDS; i++) to[i] = 0;
+    for (int c = 0; c < 4; c++) {
+        double *f = residual + NODES * c;
+        to[c] = start[c] - work->shape.edge[e + 1][c];
+        for (int j = 0; j < NODES; j++) f[j] = width[e] * rate[NODES * c + j];
+        for (int k = 0; k < NODES; k++) {
+            const double gap = start[c] - q[NODES * c + k];
+            to[c] -= gauss_end[k] * gap;
+            for (int j = 0; j < NODES; j++) f[j] += gauss_D[k][j] * gap;
+        }
+        for (int j = 0; j < NODES; j++) add(to, f[j], a->lu[NODES * c + j] + TRUNK_Q);
+    }
+    for (int i = 0; i < 7; i++) add(to, from[i], a->map[i]);
+}
+
+/* One step of Newton's method with the linearisation at hand; returns its relative size. */
+static double correct(trunk_work *work, const double base[7])
+{
+    trunk_shape *shape = &work->shape;
+    double residual[TRUNK_ELEMENTS][TRUNK_Q], change[TRUNK_ELEMENTS + 1][ENDS], start[3];
+    double size = 0, moment = small_moment, moment_size = 0;
+    clear(change[0], ENDS);
+    for (int c = 0; c < 4; c++) change[0][c] = base[c] - shape->edge[0][c];
+    for (int e = 0; e < TRUNK_ELEMENTS; e++)
+        hand_on(work, e, residual[e], change[e], change[e + 1]);
+    for (int i = 0; i < 3; i++) {
+        start[i] = 0;
+        for (int k = 0; k < 3; k++)
+            start[i] -= work->closing[i][k]
+                        * (shape->moment[TRUNK_ELEMENTS][k] + change[TRUNK_ELEMENTS][4 + k]);
+    }
+    for (int e = 0; e <= TRUNK_ELEMENTS; e++) {
+        for (int m = 0; m < 3; m++) add(change[e], start[m], work->by_start[e][m]);
+        for (int c = 0; c < 4; c++) shape->edge[e][c] += change[e][c];
+        moment = largest(moment, shape->moment[e], 3);
+        moment_size = largest(moment_size, change[e] + 4, 3);
+        size = largest(size, change[e], 4);
+    }
+    for (int e = 0; e < TRUNK_ELEMENTS; e++) {
+        const trunk_element *a = &work->element[e];
+        for (int c = 0; c < 4; c++)
+            for (int j = 0; j < NODES; j++) {
+                double f = gauss_sum[j] * change[e][c];
+                for (int m = 0; m < 3; m++)
+                    f += width[e] * a->by_moment[NODES * (4 * m + c) + j] * change[e][4 + m];
+                residual[e][NODES * c + j] += f;
+            }
+        solve_transposed(a, residual[e]);
+        size = largest(size, residual[e], TRUNK_Q);
+        for (int i = 0; i < TRUNK_Q; i++) shape->q[e][i] += residual[e][i];
+    }
+    for (int i = 0; i < 3; i++) shape->moment[0][i] += start[i];
+    return largest(size, (const double[1]){moment_size / moment}, 1);
+}
+
+/*
+ * Newton's method from the shape in the work; whether it converged. A linearisation is kept while
+ * steps shrink fast with it: near the last shape no new one is needed, and the first step is
+ * then the first-order prediction from that shape.
+ */
+static int newton(trunk_work *work)
+{
+    double base[7], last = work->linear ? HUGE_VAL : 0;
+    int renew = !work->linear;
+    base_values(work->head, NULL, base);
+    for (int step = 0; step < MOST_STEPS; step++) {
+        double size, error;
+        if (renew && !linearise(work)) return 0;
+        size = correct(work, base);
+        if (!(size < 1e6)) return 0;
+        /* The error left: quadratic after a new linearisation, in proportion with an old one. */
+        error = renew ? 10 * size * size : step ? size * (size / last) : size;
+        if (error < 1e-14) return 1;
+        renew = size > 0.1 * last;
+        last = size;
+    }
+    return 0;
+}
