@@ -115,8 +115,10 @@ int trunk_jacobian(trunk_work *work, double J[TRUNK_POINTS * TRUNK_OUTPUTS * TRU
             point_change(work, point, c, w);
             for (int i = 0; i < 3; i++) by[c][i] = work->response[trunk_edge[point]][c][7 + i];
             for (int i = 0; i < 16; i++) to[i] = 0;
-            for (int k = 0; k < 15; k++)
+            for (int k = 0; k < 15; k++) {
+                if (k >= 7 && !(fabs(w[k]) > 0)) continue;
                 for (int i = 0; i < 16; i++) to[i] += w[k] * slopes[k][i];
+            }
         }
         chain(by, J + point * TRUNK_OUTPUTS * TRUNK_INPUTS);
     }

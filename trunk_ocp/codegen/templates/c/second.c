@@ -12,12 +12,12 @@ static void combine(const double *weights, const double *columns, int count, dou
 }
 
 /* Change of w at an element's Gauss points with a parameter. */
-static void spread(const trunk_work *work, int e, int parameter, const double *frame,
+static void spread(trunk_work *work, int e, int parameter, const double *frame,
                    const double *force, double dw[18 * NODES])
 {
     static const int frame_place[12] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
     static const int force_place[9] = {0, 1, 2, 3, 7, 11, 12, 13, 14};
-    const trunk_element *a = &work->element[e];
+    trunk_element *a = &work->element[e];
     const double *start = work->response[e][parameter], h = width[e];
     const int own = own_parameter(parameter, element_segment[e]);
     double dM[3 * NODES];
@@ -58,7 +58,7 @@ static void spread(const trunk_work *work, int e, int parameter, const double *f
 }
 
 /* Second response of the edges to each parameter and the direction, `along` the parameters. */
-static void respond_twice(const trunk_work *work, const double along[PARAMETERS],
+static void respond_twice(trunk_work *work, const double along[PARAMETERS],
                           double second[TRUNK_ELEMENTS + 1][PARAMETERS][ENDS])
 {
     clear(second[0][0], PARAMETERS * ENDS);

@@ -117,29 +117,54 @@ static void set_moments(trunk_work *work, int e, const double *rate, double w[18
             work->shape.moment[e][i], width[e], rate + NODES * i, w + NODES * (4 + i));
 }
 
-/* Gaussian elimination with pivoting of the rows of [matrix | right-hand sides]. */
+/* to[c] -= sum_k factor[k] row[k][c] for four rows of factors, and c from first to last. */
+static void subtract(double *restrict to, const double factor[4],
+                     double (*restrict row)[TRUNK_Q + ENDS], int first, int last)
+{
+    const double f0 = factor[0], f1 = factor[1], f2 = factor[2], f3 = factor[3];
+    for (int c = first; c < last; c++)
+        to[c] -= f0 * row[0][c] + f1 * row[1][c] + f2 * row[2][c] + f3 * row[3][c];
+}
+
+/* Factors of column k below the diagonal, after pivoting of rows, in the columns before `last`. */
+static int eliminate_column(trunk_element *a, int k, int last)
+{
+    double *row = a->lu[k];
+    int best = k;
+    for (int i = k + 1; i < TRUNK_Q; i++)
+        if (fabs(a->lu[i][k]) > fabs(a->lu[best][k])) best = i;
+    a->order[k] = best;
+    if (best != k)
+        for (int c = 0; c < TRUNK_Q + ENDS; c++) {
+            const double swapped = row[c];
+            row[c] = a->lu[best][c];
+            a->lu[best][c] = swapped;
+        }
+    if (!(fabs(row[k]) > 0)) return 0;
+    a->pivot[k] = 1 / row[k];
+    for (int i = k + 1; i < TRUNK_Q; i++) {
+        a->lu[i][k] *= a->pivot[k];
+        for (int c = k + 1; c < last; c++) a->lu[i][c] -= a->lu[i][k] * row[c];
+    }
+    return 1;
+}
+
+/*
+ * Gaussian elimination of [matrix | right-hand sides] with pivoting of rows, four columns at a
+ * time; the solutions take the place of the right-hand sides.
+ */
 static int eliminate(trunk_element *a)
 {
-    for (int k = 0; k < TRUNK_Q; k++) {
-        double *row = a->lu[k];
-        int best = k;
-        for (int i = k + 1; i < TRUNK_Q; i++)
-            if (fabs(a->lu[i][k]) > fabs(a->lu[best][k])) best = i;
-        a->order[k] = best;
-        if (best != k)
-            for (int c = 0; c < TRUNK_Q + ENDS; c++) {
-                const double swapped = row[c];
-                row[c] = a->lu[best][c];
-                a->lu[best][c] = swapped;
-            }
-        if (!(fabs(row[k]) > 0)) return 0;
-        a->pivot[k] = 1 / row[k];
-        for (int i = k + 1; i < TRUNK_Q; i++) {
-            double *below = a->lu[i];
-            const double factor = below[k] * a->pivot[k];
-            below[k] = factor;
-            for (int c = k + 1; c < TRUNK_Q + ENDS; c++) below[c] -= factor * row[c];
+    for (int k = 0; k < TRUNK_Q; k += 4) {
+        for (int i = k; i < k + 4; i++) {
+            if (!eliminate_column(a, i, k + 4)) return 0;
         }
+        for (int i = k + 1; i < k + 4; i++)
+            for (int j = k; j < i; j++)
+                for (int c = k + 4; c < TRUNK_Q + ENDS; c++)
+                    a->lu[i][c] -= a->lu[i][j] * a->lu[j][c];
+        for (int i = k + 4; i < TRUNK_Q; i++)
+            subtract(a->lu[i], a->lu[i] + k, a->lu + k, k + 4, TRUNK_Q + ENDS);
     }
     for (int i = TRUNK_Q - 1; i >= 0; i--) {
         double sum[ENDS];
@@ -152,14 +177,20 @@ static int eliminate(trunk_element *a)
 }
 
 /* Solve with the transpose of what was eliminated, in place. */
-static void solve_transposed(const trunk_element *a, double x[TRUNK_Q])
+static void solve_transposed(trunk_element *a, double x[TRUNK_Q])
 {
-    for (int i = 0; i < TRUNK_Q; i++) {
-        x[i] *= a->pivot[i];
-        for (int k = i + 1; k < TRUNK_Q; k++) x[k] -= a->lu[i][k] * x[i];
+    for (int k = 0; k < TRUNK_Q; k += 4) {
+        for (int i = k; i < k + 4; i++) {
+            x[i] *= a->pivot[i];
+            for (int j = i + 1; j < k + 4; j++) x[j] -= a->lu[i][j] * x[i];
+        }
+        subtract(x, x + k, a->lu + k, k + 4, TRUNK_Q);
     }
-    for (int i = TRUNK_Q - 1; i > 0; i--)
-        for (int k = 0; k < i; k++) x[k] -= a->lu[i][k] * x[i];
+    for (int k = TRUNK_Q - 4; k >= 0; k -= 4) {
+        for (int i = k + 3; i > k; i--)
+            for (int j = k; j < i; j++) x[j] -= a->lu[i][j] * x[i];
+        subtract(x, x + k, a->lu + k, 0, k);
+    }
     for (int i = TRUNK_Q - 1; i >= 0; i--) {
         const int other = a->order[i];
         const double swapped = x[i];
@@ -366,7 +397,7 @@ static double correct(trunk_work *work, const double base[7])
         size = largest(size, change[e], 4);
     }
     for (int e = 0; e < TRUNK_ELEMENTS; e++) {
-        const trunk_element *a = &work->element[e];
+        trunk_element *a = &work->element[e];
         for (int c = 0; c < 4; c++)
             for (int j = 0; j < NODES; j++) {
                 double f = gauss_sum[j] * change[e][c];
@@ -399,7 +430,7 @@ static int newton(trunk_work *work)
         if (!(size < 1e6)) return 0;
         /* The error left: quadratic after a new linearisation, in proportion with an old one. */
         error = renew ? 10 * size * size : step ? size * (size / last) : size;
-        if (error < 1e-14) return 1;
+        if (error < 1e-13) return 1;
         renew = size > 0.1 * last;
         last = size;
     }
