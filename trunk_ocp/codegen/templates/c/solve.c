@@ -361,7 +361,7 @@ static void hand_on(trunk_work *work, int e, double residual[TRUNK_Q], const dou
     for (int i = 0; i < ENDS; i++) to[i] = 0;
     for (int c = 0; c < 4; c++) {
         double *f = residual + NODES * c;
-        to[c] = start[c] - work->shape.edge[e + 1][c];
+        to[c] += start[c] - work->shape.edge[e + 1][c];
         for (int j = 0; j < NODES; j++) f[j] = width[e] * rate[NODES * c + j];
         for (int k = 0; k < NODES; k++) {
             const double gap = start[c] - q[NODES * c + k];
@@ -429,7 +429,7 @@ static int newton(trunk_work *work)
         size = correct(work, base);
         if (!(size < 1e6)) return 0;
         /* The error left: quadratic after a new linearisation, in proportion with an old one. */
-        error = renew ? 10 * size * size : step ? size * (size / last) : size;
+        error = renew ? 1e3 * size * size : step ? size * (size / last) : size;
         if (error < 1e-13) return 1;
         renew = size > 0.1 * last;
         last = size;
