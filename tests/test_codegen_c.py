@@ -259,8 +259,10 @@ def test_every_status_is_a_sentence_of_its_own(library):
 
 
 def test_two_trunks_in_turn_do_not_disturb_each_other(library, x):
-    alone = [[library.jacobian(row + 1e-3 * i, work) for i in range(3)]
-             for row, work in ((x[0], library.new_work()), (x[1], library.new_work()))]
+    alone = [
+        [library.jacobian(row + 1e-3 * i, work) for i in range(3)]
+        for row, work in ((x[0], library.new_work()), (x[1], library.new_work()))
+    ]
     works = library.new_work(), library.new_work()
     for i in range(3):
         for k in range(2):

@@ -6,13 +6,13 @@ The numbers and the kernels are generated, the kernels by CasADi; all else is C 
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import tempfile
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 import casadi as ca
@@ -24,8 +24,8 @@ from ..rotations import directors, product
 from .model import DEGREE, Model
 from .request import CheckError, Request, ToolMissingError
 from .space_rod import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
+from .texts import header, template
 
-TEMPLATES = Path(__file__).parent / "templates" / "c"
 COMPILER = "cc"
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 
@@ -35,10 +35,13 @@ def write_c(request: Request) -> dict[str, str | bytes]:
 
     With `what` "shape" there are no derivatives of the loaded shape.
     """
-    title = _comment(_title(request))
-    header = _template("trunk.h").replace("/* @title@ */", title)
-    header = header.replace("/* @sizes@ */", "\n".join(_sizes(request)))
-    files: dict[str, str | bytes] = {"trunk.h": header, "trunk.c": title + "\n" + _source(request)}
+    title = _comment(header(request))
+    interface = _template("trunk.h").replace("/* @title@ */", title)
+    interface = interface.replace("/* @sizes@ */", "\n".join(_sizes(request)))
+    files: dict[str, str | bytes] = {
+        "trunk.h": interface,
+        "trunk.c": title + "\n" + _source(request),
+    }
     for name in ("CMakeLists.txt", "example.c", "check.c"):
         files[name] = _template(name)
     return files
@@ -73,25 +76,12 @@ def check_c(folder: Path) -> str:
 
 
 def _template(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
+    return template(f"c/{name}")
 
 
 def _comment(text: str) -> str:
-    return "/*\n" + textwrap.indent(text, " * ", lambda line: True).replace(" * \n", " *\n") + "\n */"
-
-
-def _title(request: Request) -> str:
-    model = request.model
-    places = ", ".join(f"{Z:g}" for Z in model.Z)
-    contact = model.loads.contact_from
-    touching = "no contact" if contact is None else f"contact from Z = {contact:g} m to the tip"
-    lines = (
-        f"Shape of the trunk '{request.name}' from activations, head angles and loads.",
-        f"Written by trunk_ocp {version('trunk_ocp')}; C99, needs the C library alone.",
-        f"{len(model.layout.muscles)} muscles, length {model.trunk.length:g} m, {touching}.",
-        f"Points Z in m: {places}.",
-    )
-    return "\n".join(part for line in lines for part in textwrap.wrap(line, 94))
+    lines = text.replace("*/", "* /").splitlines()
+    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
 
 
 def _sizes(request: Request) -> Iterable[str]:
@@ -121,7 +111,7 @@ def _sizes(request: Request) -> Iterable[str]:
 
 def _source(request: Request) -> str:
     """trunk.c: numbers, kernels, and the fixed text."""
-    parts = ["head.c", "solve.c", "shape.c", "unloaded.c"]
+    parts = ["head.c", "elements.c", "solve.c", "shape.c", "unloaded.c"]
     kernels = _shape_kernels(request.model)
     if request.what == "jacobian" or request.second:
         parts.append("jacobian.c")
@@ -135,13 +125,12 @@ def _source(request: Request) -> str:
 
 def _tables(model: Model) -> Iterable[str]:
     """Constants of the program. Those of Gauss points stand component by component."""
-    tables, layout, gauss = model.tables, model.layout, model.mesh
+    tables, layout = model.tables, model.layout
     yield _array("const double trunk_Z", ["TRUNK_POINTS"], model.Z)
-    names = [f'"{name}"' for name in _input_names(model)]
+    names = [json.dumps(name) for name in _input_names(model)]
     yield _array("const char *const trunk_input_names", ["TRUNK_INPUTS"], names)
     rest = layout.x(np.zeros(len(layout.muscles)), (0.0, 0.0), model.loads)
     yield _array("const double trunk_default_input", ["TRUNK_INPUTS"], rest)
-    del gauss
     nodes, elements, points = "NODES", "ELEMENTS", "POINTS"
     derivative = np.linalg.inv(tables.A)
     yield _table("gauss_A", [nodes, nodes], tables.A.T)
@@ -208,7 +197,7 @@ def _braces(value: object) -> str:
 
 
 def _shape_kernels(model: Model) -> list[str]:
-    """What `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c` call."""
+    """What `elements.c`, `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c` call."""
     frame, force = _part(rates(), slice(0, 4)), _part(rates(), slice(4, 10))
     head = base(model.trunk.head)
     return [

@@ -3,6 +3,16 @@
  * second derivatives of the rates along a parameter's and the direction's change of w.
  */
 
+/* What rates q' (4), M' (3), r' (3) at Gauss point j add to an element's ends. */
+static void add_rates(double to[ENDS], const trunk_element *a, double h, int j, const double f[10])
+{
+    for (int c = 0; c < 4; c++) add(to, h * f[c], a->lu[NODES * c + j] + TRUNK_Q);
+    for (int m = 0; m < 3; m++) {
+        add(to, f[4 + m], a->on_moment[NODES * m + j]);
+        to[7 + m] += h * gauss_b[j] * f[7 + m];
+    }
+}
+
 /* Linear combination of columns of numbers. */
 static void combine(const double *weights, const double *columns, int count, double *to)
 {
