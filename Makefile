@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
 
-.PHONY: venv motion results test trust study lint bench schema clean
+.PHONY: venv motion results test torch trust study examples lint bench schema clean
 
 venv: $(READY)
 
@@ -18,6 +18,10 @@ $(READY): pyproject.toml requirements-dev.txt
 $(TESTABLE): requirements-test.txt | $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
 	touch $@
+
+# PyTorch is large; its tests are skipped without it.
+torch: venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.txt
 
 # One worker a core; a solver of its own in each, so no threads inside. What the browser showed is
 # kept in out/screenshots.
@@ -40,6 +44,10 @@ trust: venv
 # What foresight is worth: data and figures in results/foresight, and docs/foresight.md from them.
 study: venv
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m study.run $(STUDY)
+
+# The exported trunk in a control loop.
+examples: venv
+	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
 
 lint: venv
 	$(BIN)/ruff check .

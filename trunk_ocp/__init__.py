@@ -6,6 +6,7 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 
 from .anatomy import Trunk, load_anatomy
 from .checkpoint import Checkpoint
+from .codegen.formats import check_export, export
 from .comparison import compare, measure
 from .diagnosis import Diagnosis, Finding, explain
 from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
@@ -49,8 +50,10 @@ __all__ = [
     "Trunk",
     "TrunkError",
     "Weights",
+    "check_export",
     "compare",
     "explain",
+    "export",
     "foresight",
     "front",
     "load_anatomy",

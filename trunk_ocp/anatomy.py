@@ -217,8 +217,12 @@ def load_anatomy(name_or_path: str | Path) -> Trunk:
 
 def read_anatomy(name_or_path: str | Path) -> AnatomySpec:
     """Read and validate an anatomy file; see `load_anatomy`."""
-    folder = Path(str(files("trunk_ocp"))) / "data" / "anatomies"
-    return read_toml(shipped(str(name_or_path), folder), AnatomySpec)
+    return read_toml(shipped(str(name_or_path), anatomies_folder()), AnatomySpec)
+
+
+def anatomies_folder() -> Path:
+    """Folder of the shipped anatomy files."""
+    return Path(str(files("trunk_ocp"))) / "data" / "anatomies"
 
 
 def build_trunk(spec: AnatomySpec) -> Trunk:

@@ -21,6 +21,7 @@ from .command import clean_errors, verdict
 from .comparison import compare
 from .diagnosis import explain
 from .errors import InputError
+from .exporting import export_model
 from .files import alone, write
 from .interrupts import INTERRUPTED, Interrupts
 from .motion import Motion, load_motion
@@ -308,5 +309,7 @@ def schema() -> None:
 
 
 main.add_command(solve)
-for command in (explain_run, view, convert, redundant, compare_ways, survey_limits, many_starts):
+for command in (explain_run, view, convert, export_model):
+    main.add_command(command)
+for command in (redundant, compare_ways, survey_limits, many_starts):
     main.add_command(command)

@@ -116,24 +116,24 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def shipped(name_or_path: str, folder: Path) -> Path:
-    """Path of a shipped file by its name, or of the user's own file.
+def shipped(name_or_path: str, *folders: Path) -> Path:
+    """Path of a file shipped in one of some folders by its name, or of the user's own file.
 
     Raises
     ------
     InputError
         If there is neither; names the shipped ones and the closest match.
     """
-    names = sorted(entry.stem for entry in folder.glob("*.toml"))
-    if name_or_path in names:
-        return folder / f"{name_or_path}.toml"
+    every = {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
+    if name_or_path in every:
+        return every[name_or_path]
     path = Path(name_or_path)
     if is_file(path):
         return path
     raise InputError(
         f"{_clean(name_or_path)}: neither a file nor a shipped name; "
-        f"expected a path to a TOML file or one of {', '.join(names)}."
-        f"{_suggestion(name_or_path, names)}"
+        f"expected a path to a TOML file or one of {', '.join(every)}."
+        f"{_suggestion(name_or_path, [*every])}"
     )
 
 

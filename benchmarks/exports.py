@@ -1,0 +1,114 @@
+"""How long the exported trunk takes: `python -m benchmarks.exports`, a minute on a quiet machine.
+
+Exports the elephant for 1, 3 and 10 points, with and without contact, compiles what has to be,
+and times a shape with its whole Jacobian. Writes the table of docs/exports.md.
+"""
+
+from __future__ import annotations
+
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+import trunk_ocp as to
+from trunk_ocp.files import write
+
+PAGE = Path(__file__).parent.parent / "docs" / "exports.md"
+START, END = "<!-- speed: python -m benchmarks.exports -->\n", "<!-- end -->"
+POINTS = {1: [1.75], 3: [0.5, 1.1, 1.75], 10: [0.175 * (i + 1) for i in range(10)]}
+COMPILERS = {"C, `-O3`": ["-O3"], "C, `-O3 -march=native`": ["-O3", "-march=native"]}
+RUNS = 5
+
+
+def main() -> None:
+    """Time everything and write the table."""
+    trunk = to.load_anatomy("asian-elephant")
+    lines = [
+        "| program | points Z | contact | elements | near the last shape | from anew |",
+        "|---|---|---|---|---|---|",
+    ]
+    for contact in (None, 1.4):
+        for count, at in POINTS.items():
+            with tempfile.TemporaryDirectory() as folder:
+                told = of_c(trunk, Path(folder), at, contact)
+            lines += [row(name, count, contact, *figures) for name, figures in told.items()]
+            print(*lines[-2:], sep="\n", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        lines += [row(name, 1, None, *each) for name, each in others(trunk, Path(folder)).items()]
+    text = PAGE.read_text()
+    before, rest = text.split(START)
+    write(PAGE, before + START + "\n" + "\n".join(lines) + "\n\n" + END + rest.split(END)[1])
+    print(*lines, sep="\n")
+
+
+def row(
+    name: str, count: int, contact: float | None, elements: int, near: float, anew: float
+) -> str:
+    """A line of the table; times in microseconds."""
+    times = " | ".join(
+        f"{us:.0f} µs" if us < 1000 else f"{us / 1000:.0f} ms" for us in (near, anew)
+    )
+    return f"| {name} | {count} | {'yes' if contact else 'no'} | {elements} | {times} |"
+
+
+def of_c(
+    trunk: to.Trunk, folder: Path, at: list[float], contact: float | None
+) -> dict[str, tuple[int, float, float]]:
+    """Elements and microseconds of the example program, near the last shape and from anew."""
+    to.export(trunk, "c", folder, at=at, contact_from=contact)
+    elements = int(re.search(r"#define TRUNK_ELEMENTS (\d+)", (folder / "trunk.h").read_text())[1])
+    found = {}
+    for name, flags in COMPILERS.items():
+        sources = ["trunk.c", "example.c", "-lm", "-o", "example"]
+        subprocess.run(["cc", "-std=c99", *flags, *sources], cwd=folder, check=True)
+        runs = [subprocess.check_output("./example", cwd=folder, text=True) for _ in range(RUNS)]
+        medians = [
+            statistics.median(
+                float(re.search(rf"{which}: median ([\d.]+)", told)[1]) for told in runs
+            )
+            for which in ("along a motion", "from anew")
+        ]
+        found[name] = (elements, *medians)
+    return found
+
+
+def others(trunk: to.Trunk, folder: Path) -> dict[str, tuple[int, float, float]]:
+    """The same of the NumPy module and of the CasADi function, which always start anew."""
+    to.export(trunk, "numpy", folder)
+    to.export(trunk, "casadi", folder)
+    sys.path.insert(0, str(folder))
+    import trunk_numpy
+
+    function = ca.Function.load(str(folder / "loaded_jacobian.casadi"))
+    x = trunk_numpy.pack(np.full(len(trunk.muscles), -0.1))
+    many = np.tile(x, (100, 1))
+    one, casadi = timed(lambda: trunk_numpy.jacobian(x)), timed(lambda: function(x))
+    batch = timed(lambda: trunk_numpy.jacobian(many)) / 100
+    return {
+        "NumPy": (6, one, one),
+        "NumPy, each of 100 at once": (6, batch, batch),
+        "CasADi": (6, casadi, casadi),
+    }
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Median microseconds of a call."""
+    call()
+    times = []
+    for _ in range(30):
+        start = time.perf_counter()
+        call()
+        times.append(1e6 * (time.perf_counter() - start))
+    return statistics.median(times)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""The check file: inputs and expected outputs that an export has to reproduce.
+
+Expected shapes come from `solve_statics`, another formulation on a finer mesh; expected
+derivatives from CasADi's differentiation of the collocation equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from ..activation import strains
+from ..anatomy import Trunk
+from ..errors import InputError, StaticsError
+from ..loads import mass_beyond
+from . import casadi_function
+from .model import Layout, Model, reference
+from .request import Request
+
+CASES = 8
+EXTENSION = (0.67, 1.35)  # of every segment: the paper's bounds
+RESOLVED = 2e-11  # relative, of a shape beside the reference: leaves room to an export's 1e-10
+NOTHING = 1e-9  # largest value, in SI units, of a part that is 0 but for round-off
+ELEMENTS = (6, 8, 10, 12, 16, 24, 32)
+
+
+def cases(model: Model) -> np.ndarray:
+    """Inputs x (CASES, size): the passive trunk, then any activations, head angles and loads.
+
+    Always the same ones for a model. Loads are a fraction of the trunk's weight, or of its
+    stiffness if that is less.
+    """
+    layout, trunk, rng = model.layout, model.trunk, np.random.default_rng(20)
+    x = np.tile(layout.x(np.zeros(len(trunk.muscles)), (0.0, 0.0), model.loads), (CASES, 1))
+    force = _force(model)
+    for row in x[1:]:
+        part = {name: row[where] for name, where in layout.inputs.items()}  # views
+        part["activation"][:] = _contraction(trunk, rng)
+        part["head"][:] = rng.uniform(-0.5, 0.5, 2)
+        part["gravity"][:] *= rng.uniform(0.5, 1.1)
+        for name in part:
+            if name.endswith("force"):
+                part[name][:] = force * rng.uniform(-0.1, 0.1, 3)
+            if name.endswith("couple"):
+                part[name][:] = force * trunk.length * rng.uniform(-0.05, 0.05, 3)
+    return x
+
+
+def _force(model: Model) -> float:
+    """A force in N that bends the trunk, but does not fold it."""
+    trunk = model.trunk
+    bending = trunk.youngs_modulus * np.pi / 4 * float(trunk.radius(trunk.length / 2)) ** 4
+    weight = abs(model.loads.gravity) * float(mass_beyond(trunk, np.zeros(1))[0])
+    buckling = 2.5 * bending / trunk.length**2
+    return min(weight, buckling) if weight > 0 else buckling
+
+
+def _contraction(trunk: Trunk, rng: np.random.Generator) -> np.ndarray:
+    """Activations (muscles,) that keep every segment's extension within the paper's bounds."""
+    activation = rng.uniform(-0.6, 0.1, len(trunk.muscles))
+    low, high = EXTENSION
+    while True:
+        zeta = strains(trunk, activation)[:, 0]
+        if np.all((zeta > low) & (zeta < high)):
+            return activation
+        activation = activation * 0.8
+
+
+def resolved(model: Model) -> Model:
+    """The model on the coarsest mesh that gives the reference's shapes to 2e-11.
+
+    Raises
+    ------
+    InputError
+        If no mesh does.
+    """
+    x = cases(model)
+    try:
+        expected = reference(model, x)
+    except StaticsError as error:
+        raise InputError(f"{model.trunk.name}: no shape to check an export with: {error}") from None
+    for elements in ELEMENTS:
+        finer = replace(model, elements=elements)
+        function = casadi_function.loaded(finer)
+        y = _values(function, x).reshape(expected.shape)
+        if max(disagreements(y, expected, model.layout).values()) <= RESOLVED:
+            return finer
+    raise InputError(
+        f"{model.trunk.name}: {ELEMENTS[-1]} elements do not resolve its shapes to {RESOLVED:g}; "
+        "expected a trunk that bends less sharply, or fewer points --at."
+    )
+
+
+def disagreements(value: np.ndarray, expected: np.ndarray, layout: Layout) -> dict[str, float]:
+    """Largest difference of each part of y, or of its derivatives, over its largest value.
+
+    A part that is 0 but for round-off, as the moment at the tip is, counts by the difference.
+    value, expected : (B, n, 19 or 16, ...). NaN counts as infinite.
+    """
+    worst = {}
+    for name, where in layout.outputs.items():
+        a, b = value[:, :, where], expected[:, :, where]
+        if b.size:
+            size = float(np.abs(b).max())
+            error = float(np.abs(a - b).max()) / (size if size > NOTHING else 1.0)
+            worst[name] = error if np.isfinite(error) else np.inf
+    return worst
+
+
+def check_files(request: Request, loaded: bool) -> dict[str, str]:
+    """check_unloaded.csv and, with loaded shapes, check.csv: a case a row, numbers by commas.
+
+    check.csv: x, y; for a Jacobian dy/dx row by row; if the second derivative is asked for a
+    direction v and the change of dy/dx along it. check_unloaded.csv: activations and head, the
+    unloaded y, its Jacobian.
+    """
+    x, slopes = cases(request.model), request.what == "jacobian"
+    controls, free = x[:, : request.model.layout.controls], casadi_function.unloaded(request.model)
+    rows = [controls, _values(free, controls)]
+    if slopes:
+        rows.append(_derivatives(casadi_function.jacobian(free), controls))
+    files = {"check_unloaded.csv": _csv(np.hstack(rows))}
+    if not loaded:
+        return files
+    function = casadi_function.loaded(request.model)
+    rows = [x, reference(request.model, x).reshape(len(x), -1)]
+    if slopes:
+        rows.append(_derivatives(casadi_function.jacobian(function), x))
+    if slopes and request.second:
+        v = np.random.default_rng(21).uniform(-1, 1, x.shape)
+        along = casadi_function.second(function)
+        rows += [v, np.array([_flat(along(a, b)) for a, b in zip(x, v, strict=True)])]
+    return files | {"check.csv": _csv(np.hstack(rows))}
+
+
+def _values(function: ca.Function, x: np.ndarray) -> np.ndarray:
+    return np.array([_flat(function(row)) for row in x])
+
+
+def _derivatives(function: ca.Function, x: np.ndarray) -> np.ndarray:
+    return np.array([_flat(function(row)[1]) for row in x])
+
+
+def _flat(value: ca.DM) -> np.ndarray:
+    """Numbers row by row."""
+    return value.full().ravel()
+
+
+def _csv(rows: np.ndarray) -> str:
+    return "".join(",".join(f"{number:.17g}" for number in row) + "\n" for row in rows)

@@ -1,0 +1,179 @@
+"""The model as a Python module that needs NumPy alone: loaded and unloaded shape, derivatives."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import fields
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from ..python_source import python_source
+from . import space_rod
+from .model import OUTPUTS, Model
+from .request import CheckError, Request
+
+NAME = "trunk_numpy.py"
+CHECK = "check.py"
+WIDTH = 96
+
+
+def write_numpy(request: Request) -> dict[str, str | bytes]:
+    """Files of the export: the module and a program that checks it.
+
+    The module has the Jacobian in any case, as Newton's method needs the same slopes.
+    """
+    return {NAME: module_text(request), CHECK: check_text("numpy")}
+
+
+def check_numpy(folder: Path) -> str:
+    """What the export's own check prints.
+
+    Raises
+    ------
+    CheckError
+        If the module does not give the numbers of the check files.
+    """
+    return run_check(folder)
+
+
+def module_text(request: Request) -> str:
+    """Source of trunk_numpy.py: how to call it, numbers, the fixed driver, kernels."""
+    parts = ["driver", "unloaded", *(["second"] if request.second else [])]
+    texts = [_own(template(name)) for name in parts]
+    start = template("driver").split("# <cut>")[0].replace("<about>", about(request.model))
+    start = start.replace("<what>", request.name)
+    kernels = [_kernel_text(kernel) for kernel in _kernels(request)]
+    numbers = _numbers(request.model)
+    return "\n\n".join([start.strip(), numbers, *texts, *kernels]) + "\n"
+
+
+def about(model: Model) -> str:
+    """Lines that say what x and y are: order, units, points, and who wrote the file."""
+    where = {name: f"{at.start}:{at.stop}" for name, at in model.layout.inputs.items()}
+    lines = [
+        f"Written by trunk_ocp {version('trunk_ocp')} for <what>.",
+        "",
+        f"    x ({model.layout.size}), the inputs:",
+        f"        {where['activation']:7} activation of MUSCLES, negative contracts",
+        f"        {where['head']:7} head angles psi_Z, psi_Y in rad",
+        f"        {where['gravity']:7} gravity in m/s^2, along +Z (down)",
+        f"        {where['tip_force']:7} tip force in N, space axes",
+    ]
+    if model.layout.contact:
+        lines += [
+            f"        {where['contact_force']:7} contact force in N, space axes, spread over",
+            f"                Z >= {model.loads.contact_from:g} m",
+            f"        {where['contact_couple']:7} contact couple in N m, spread alike",
+        ]
+    lines += [
+        "    y (n, 19), for each of the n points Z:",
+        "        0:3     position in m, space axes",
+        "        3:12    directors d_1, d_2, d_3 in space axes",
+        "        12:16   strain: extension zeta, and curvature u_1, u_2, u_3 in 1/m",
+        "        16:19   internal moment in N m, in the directors",
+        "    Unloaded shapes depend on x[:head end] alone and have no moment: y (n, 16).",
+        f"    Z in m: {', '.join(f'{Z:g}' for Z in model.Z)}",
+    ]
+    return "\n".join(lines).replace("head end", str(model.layout.controls))
+
+
+def template(name: str) -> str:
+    """Fixed text of the export, as it is in templates/python."""
+    folder = files("trunk_ocp.codegen").joinpath("templates", "python")
+    return folder.joinpath(f"{name}.py").read_text(encoding="utf-8")
+
+
+def check_text(world: str) -> str:
+    """Source of check.py for one of the ways that templates/python/check_*.py know."""
+    before, after = re.split(r"# <world>.*?# </world>\n", template("check"), flags=re.DOTALL)
+    return f"{before}{_own(template(f'check_{world}'))}\n{after}"
+
+
+def run_check(folder: Path) -> str:
+    """Run check.py in its folder with this Python; what it printed, or CheckError."""
+    done = subprocess.run(
+        [sys.executable, CHECK], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise CheckError((done.stdout + done.stderr).strip())
+    return done.stdout
+
+
+def _own(text: str) -> str:
+    """A template without what is there for its readers alone: docstring, imports."""
+    return text.split("# </cut>\n")[1].strip()
+
+
+def _kernels(request: Request) -> list[ca.Function]:
+    moving = [space_rod.base(request.model.trunk.head), space_rod.rates(), space_rod.report()]
+    closed = [space_rod.turn(), space_rod.spiral()]
+    second = [space_rod.second_along(kernel) for kernel in moving] if request.second else []
+    return [*(space_rod.with_slopes(kernel) for kernel in moving + closed), *second]
+
+
+def _kernel_text(kernel: ca.Function) -> str:
+    """Source of a kernel whose choices keep the type of its inputs, such as single precision."""
+    lines: list[str] = []
+    constants: set[str] = set()
+    for line in python_source(kernel, kernel.name(), namespace=True).splitlines():
+        name, _, value = line.strip().partition(" = ")
+        choice = re.fullmatch(r"xp\.where\((\w+), (\w+), 0\.0\)", value)
+        if choice:
+            chosen = f"zero + {choice[2]}" if choice[2] in constants else choice[2]
+            line = f"    {name} = xp.where({choice[1]}, {chosen}, zero)"
+        (constants.add if re.fullmatch(r"-?[\d.]+(e-?\d+)?", value) else constants.discard)(name)
+        lines.append(line)
+    if any("zero" in line for line in lines):
+        lines.insert(1, "    zero = 0.0 * i0[0]")
+    return "\n".join(lines)
+
+
+def _numbers(model: Model) -> str:
+    """Constants of the module; the names are those of `Tables`, in capitals."""
+    tables, layout, loads = model.tables, model.layout, model.loads
+    defaults = {"gravity": (loads.gravity,), "tip_force": loads.tip_force}
+    if layout.contact:
+        defaults |= {"contact_force": loads.contact_force, "contact_couple": loads.contact_couple}
+    lines = [
+        "# Numbers of this trunk, in SI units.",
+        f"MUSCLES = {_rows([repr(muscle) for muscle in layout.muscles], '(', ')', '')}",
+        f"INPUTS = {_slices(layout.inputs)}",
+        f"OUTPUTS = {_slices({name: layout.outputs[name] for name in OUTPUTS})}",
+        f"DEFAULTS = {defaults!r}",
+        _array("Z", np.array(model.Z)),
+    ]
+    names = {field.name: field.name.upper() for field in fields(tables)} | {"b": "WEIGHTS"}
+    del names["reach"]  # for those who start from the unloaded shape in closed form
+    lines += [_array(name, getattr(tables, field)) for field, name in names.items()]
+    return "\n".join(lines)
+
+
+def _slices(slices: dict[str, slice]) -> str:
+    items = [f'    "{name}": slice({at.start}, {at.stop}),' for name, at in slices.items()]
+    return "\n".join(["{", *items, "}"])
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    numbers = [repr(value) for value in values.ravel().tolist()]
+    shape = f".reshape{values.shape}" if values.ndim > 1 else ""
+    return f"{name} = np.array({_rows(numbers, '[', ']')}){shape}"
+
+
+def _rows(items: list[str], start: str, end: str, indent: str = "    ") -> str:
+    """Items in brackets, as many a line as fit."""
+    one = f"{start}{', '.join(items)}{',' if len(items) == 1 else ''}{end}"
+    if len(one) < WIDTH - 30:
+        return one
+    lines, line = [], "   "
+    for item in items:
+        if len(line) + len(item) + 2 > WIDTH:
+            lines.append(line)
+            line = "   "
+        line += f" {item},"
+    return "\n".join([start, *lines, line, end])

@@ -1,0 +1,315 @@
+"""Shape of a muscular trunk under load, and its exact derivatives, in NumPy alone.
+
+<about>
+
+    x = pack(activation, head=(0.1, 0.0), gravity=9.8)
+    y = loaded(x)                   # (n, 19)
+    y, J = jacobian(x)              # (n, 19), (n, 19, x.size)
+    split(y)["position"]            # (n, 3)
+
+`x` may have leading axes, as may everything else: many shapes at once are much faster than one
+after the other. A complex x gives complex results, so derivatives can be checked by complex steps.
+
+How it works. Along the trunk the orientation q (a quaternion), the internal moment M (in space
+axes) and the position r follow y' = rates(y, Z). They are collocated at the Gauss points of each
+element. Newton's method, in the form that solves for the new values and not for their change,
+needs a linear problem of this kind solved, `spread`. Derivatives of the shape obey linear problems
+with the same matrix, by the implicit function theorem. First come the numbers of this trunk, then
+the program, and last its kernels: rates and their slopes, written out as plain assignments.
+"""
+
+import numpy as np
+
+# <cut>
+from tables import (
+    DEFAULTS,
+    EDGE,
+    EDGE_FORCE,
+    EDGE_SECTION,
+    ENDS,
+    FORCE,
+    FRACTIONS,
+    INPUTS,
+    OUTPUTS,
+    SECTION,
+    SEGMENT,
+    STRAIN,
+    WEIGHTS,
+    WIDTHS,
+    A,
+    base_slopes,
+    rates_slopes,
+    report_slopes,
+)
+
+# </cut>
+MOST_STEPS = 30  # of Newton's method
+TOLERANCE = 1e-9  # on its last step; the error after it is about its square
+SMALLEST_LOAD_STEP = 1e-4
+AT_ONCE = 128  # shapes, to bound memory
+Q, M, R = slice(0, 4), slice(4, 7), slice(7, 10)  # rows of a state
+
+
+class NoShape(ArithmeticError):  # noqa: N818
+    """No equilibrium was found; `index` says of which shape, `fraction` up to which load."""
+
+    def __init__(self, index: tuple[int, ...], fraction: float) -> None:
+        super().__init__(
+            f"shape {index}: no equilibrium beyond {fraction:.4g} of the load; reduce the load."
+        )
+        self.index, self.fraction = index, fraction
+
+
+def pack(activation: np.ndarray, head: np.ndarray = (0.0, 0.0), **loads: np.ndarray) -> np.ndarray:
+    """Vectors x (..., size) from their parts (..., their own size).
+
+    `head` in rad; loads that are not given have the values that the export was made with.
+    """
+    given = {"activation": activation, "head": head} | loads
+    unknown = given.keys() - INPUTS.keys()
+    if unknown:
+        raise ValueError(f"{min(unknown)}: expected one of {', '.join(INPUTS)}.")
+    parts = []
+    for name, where in INPUTS.items():
+        part, size = np.asarray(given.get(name, DEFAULTS.get(name))), where.stop - where.start
+        part = part[..., None] if size == 1 and part.shape[-1:] != (1,) else part
+        if part.shape[-1:] != (size,):
+            raise ValueError(f"{name}: expected {size} numbers, got shape {part.shape}.")
+        parts.append(part)
+    batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+    return np.concatenate([np.broadcast_to(p, (*batch, p.shape[-1])) for p in parts], axis=-1)
+
+
+def split(y: np.ndarray) -> dict[str, np.ndarray]:
+    """Named parts of y (..., n, 19 or 16): directors are (..., n, 3, 3), row i is d_i."""
+    parts = {name: y[..., at] for name, at in OUTPUTS.items() if at.stop <= y.shape[-1]}
+    return parts | {"directors": parts["directors"].reshape(*y.shape[:-1], 3, 3)}
+
+
+def loaded(x: np.ndarray) -> np.ndarray:
+    """Shapes y (..., n, 19) in equilibrium with their loads.
+
+    Raises
+    ------
+    ValueError
+        For a wrong length, numbers that are not finite, or a segment contracted to nothing.
+    NoShape
+        If no equilibrium is found.
+    """
+    return _in_parts(lambda part: (_shape(part, _solve(part)),), x)[0]
+
+
+def jacobian(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes y (..., n, 19) and their derivatives dy/dx (..., n, 19, size); errors as `loaded`."""
+    return _in_parts(_jacobian, x)
+
+
+def _in_parts(function, *inputs):
+    """A function of (B, size) arrays for any leading axes, some shapes at a time."""
+    inputs = np.broadcast_arrays(*(_checked(x) for x in inputs))
+    batch, size = inputs[0].shape[:-1], inputs[0].shape[-1]
+    flat = [x.reshape(-1, size) for x in inputs]
+    results = []
+    for first in range(0, max(len(flat[0]), 1), AT_ONCE):
+        try:
+            results.append(function(*(x[first : first + AT_ONCE] for x in flat)))
+        except NoShape as error:
+            where = np.unravel_index(first + error.index[0], batch) if batch else ()
+            raise NoShape(tuple(map(int, where)), error.fraction) from None
+    joined = [np.concatenate(parts) for parts in zip(*results, strict=True)]
+    return tuple(part.reshape(*batch, *part.shape[1:]) for part in joined)
+
+
+def _checked(x):
+    x, size = np.asarray(x), max(part.stop for part in INPUTS.values())
+    x = x if np.iscomplexobj(x) else x.astype(float)
+    if x.shape[-1:] != (size,):
+        raise ValueError(f"x: expected shape (..., {size}), got {x.shape}.")
+    if not np.all(np.isfinite(x)):
+        raise ValueError("x: expected finite numbers.")
+    return x
+
+
+def _known_part(strain, force, shape):
+    """What is linear in x: zeta_hat, c, mean extension, N, l = constant (11) + slopes (11, size).
+
+    strain (..., 4, muscles); force (..., 3) of mass, share of contact force, density of couple.
+    """
+    size = max(part.stop for part in INPUTS.values())
+    slopes = np.zeros((*shape, 11, size))
+    slopes[..., 0:4, INPUTS["activation"]] = strain
+    slopes[..., 4, INPUTS["activation"]] = FRACTIONS @ STRAIN[:, 0]
+    slopes[..., 7, INPUTS["gravity"]] = force[..., :1]  # weight acts along e_Z
+    slopes[..., 5:8, INPUTS["tip_force"]] = np.eye(3)
+    if "contact_force" in INPUTS:
+        slopes[..., 5:8, INPUTS["contact_force"]] = force[..., 1, None, None] * np.eye(3)
+        slopes[..., 8:11, INPUTS["contact_couple"]] = force[..., 2, None, None] * np.eye(3)
+    return np.array([1.0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]), slopes
+
+
+CONSTANT, KNOWN = _known_part(STRAIN[SEGMENT][:, None], FORCE, SECTION.shape[:2])
+_, POINT_KNOWN = _known_part(STRAIN[SEGMENT[ENDS]], EDGE_FORCE[EDGE], (len(EDGE),))
+POINT_KNOWN = POINT_KNOWN[:, :8]  # a report does not need l
+
+
+def _solve(x):
+    """States at the Gauss points (B, E, d, 7) and the edges (B, E + 1, 10) for x (B, size)."""
+    if np.any((CONSTANT + np.einsum("edkx,bx->bedk", KNOWN, x))[..., 0].real <= 0):
+        raise ValueError("activation: contracts a segment to nothing.")
+    start = _unbent(x)
+    inside, edges, converged = _newton(x, start)
+    for i in np.flatnonzero(~converged):
+        inside[i], edges[i] = _raise_load(x[i : i + 1], start[i : i + 1], i)
+    return inside, edges
+
+
+def _loads_times(x, fraction):
+    x = x.copy()
+    x[:, INPUTS["gravity"].start :] *= fraction
+    return x
+
+
+def _unbent(x):
+    """Shapes without loads: the equations are linear then, and one step solves them."""
+    none = np.zeros((len(x), *SECTION.shape[:2], 7), x.dtype)
+    none[..., 0] = 1
+    return _step(_loads_times(x, 0), none)[0]
+
+
+def _newton(x, inside):
+    """Newton's method on all shapes together: states, and which of them converged (B,)."""
+    B, E = inside.shape[:2]
+    inside, edges = inside.copy(), np.zeros((B, E + 1, 10), x.dtype)
+    active, converged = np.arange(B), np.zeros(B, bool)
+    with np.errstate(all="ignore"):  # a shape that diverges is dropped, not reported
+        for _ in range(MOST_STEPS):
+            if not active.size:
+                break
+            old = inside[active]
+            inside[active], edges[active] = _step(x[active], old)
+            change = np.abs(inside[active] - old)
+            moment = np.abs(inside[active][..., M]).max(axis=(1, 2, 3)) + 1e-3
+            size = np.maximum(
+                change[..., Q].max(axis=(1, 2, 3)), change[..., M].max(axis=(1, 2, 3)) / moment
+            )
+            converged[active[size < TOLERANCE]] = True
+            active = active[(size >= TOLERANCE) & (size < 1e6)]  # NaN drops out as well
+    return inside, edges, converged
+
+
+def _raise_load(x, inside, index):
+    """One shape (1, ...), from the one without loads, the load raised in steps."""
+    reached, ahead, edges = 0.0, 0.25, None
+    while reached < 1:
+        target = min(1.0, reached + ahead)
+        trial, trial_edges, converged = _newton(_loads_times(x, target), inside)
+        if converged[0]:
+            reached, ahead, inside, edges = target, 2 * ahead, trial, trial_edges
+        elif ahead > SMALLEST_LOAD_STEP:
+            ahead /= 2
+        else:
+            raise NoShape((int(index),), reached)
+    return inside[0], edges[0]
+
+
+def _step(x, inside):
+    """One step of Newton's method: states that solve the equations linearised at `inside`."""
+    _, value, slopes = _rates(x, inside)
+    start = _kernel(base_slopes, x[:, INPUTS["head"]], np.empty(0), (7,), (7, 2))[0]
+    forcing = value - np.einsum("...ij,...j->...i", slopes[..., :7], inside)
+    new, edges = spread(slopes[..., :7], _at_base(start)[..., None], forcing[..., None])
+    return new[..., 0], edges[..., 0]
+
+
+def _rates(x, inside):
+    """At the Gauss points: all that rates depend on, w (B, E, d, 18), the rates, their slopes."""
+    known = CONSTANT + np.einsum("edkx,bx->bedk", KNOWN, x)
+    w = np.concatenate([inside, known], axis=-1)
+    return w, *_kernel(rates_slopes, w, SECTION, (10,), (10, 18))
+
+
+def _at_base(pose):
+    """State (B, 10, ...) at the base from q and r there (B, 7, ...); M is not known there."""
+    return np.concatenate([pose[:, :4], 0 * pose[:, :3], pose[:, 4:]], axis=1)
+
+
+def spread(slopes, start, forcing):
+    """Solve y' = slopes y + forcing along the trunk, y(0) = start, M(0) such that M(L) = 0.
+
+    slopes (B, E, d, 10, 7) by q and M; start (B, 10, K) for K problems at once; forcing
+    (B, E, d, 10, K). Returns q, M at the Gauss points (B, E, d, 7, K) and q, M, r at the element
+    edges (B, E + 1, 10, K).
+    """
+    B, E, d, _, K = forcing.shape
+    hA = WIDTHS[:, None, None] * A
+    # Each element alone: how its states follow from q, M at its start (7 columns) and forcing (K).
+    matrix = -hA[:, :, None, :, None] * slopes[..., :7, :].swapaxes(2, 3)[:, :, None]
+    matrix[:, :, range(d), :, range(d)] += np.eye(7)
+    right = np.empty((B, E, d, 7, 7 + K), matrix.dtype)
+    right[..., :7] = np.eye(7)
+    right[..., 7:] = np.einsum("eij,bejxk->beixk", hA, forcing[..., :7, :])
+    matrix, flat = matrix.reshape(B, E, 7 * d, 7 * d), right.reshape(B, E, 7 * d, 7 + K)
+    inside = np.linalg.solve(matrix, flat).reshape(right.shape)
+    rate = slopes @ inside
+    rate[..., 7:] += forcing
+    change = np.einsum("ej,bejxk->bexk", WIDTHS[:, None] * WEIGHTS, rate)
+    # From base to tip with M(0) left open: 3 columns for it, then K.
+    state = np.concatenate([np.zeros((B, 10, 3)), start], axis=-1)
+    state[:, M, :3] = np.eye(3)
+    states = [state]
+    for e in range(E):
+        state = state + change[:, e, :, :7] @ state[:, :7]
+        state[..., 3:] += change[:, e, :, 7:]
+        states.append(state)
+    moment = -np.linalg.solve(state[:, M, :3], state[:, M, 3:])
+    states = np.stack(states, axis=1)
+    edges = states[..., 3:] + states[..., :3] @ moment[:, None]
+    return inside[..., :7] @ edges[:, :-1, None, :7] + inside[..., 7:], edges
+
+
+def _point_states(x, edges):
+    """At the points Z: all that a report depends on, w (B, n, 15)."""
+    known = CONSTANT[:8] + np.einsum("nkx,bx->bnk", POINT_KNOWN, x)
+    return np.concatenate([edges[:, EDGE, :7], known], axis=-1)
+
+
+def _shape(x, solution):
+    """Outputs y (B, n, 19)."""
+    _, edges = solution
+    w = _point_states(x, edges)
+    told = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[0]
+    return np.concatenate([edges[:, EDGE, R], told], axis=-1)
+
+
+def _jacobian(x):
+    inside, edges = _solve(x)
+    J = _first(x, inside, edges)[-1]
+    return _shape(x, (inside, edges)), J
+
+
+def _first(x, inside, edges):
+    """Derivatives by x of q, M inside (B, E, d, 7, size), of edges (B, E + 1, 10, size), of y."""
+    _, _, slopes = _rates(x, inside)
+    start = np.zeros((len(x), 10, x.shape[1]), x.dtype)
+    pose = _kernel(base_slopes, x[:, INPUTS["head"]], np.empty(0), (7,), (7, 2))[1]
+    start[..., INPUTS["head"]] = _at_base(pose)
+    d_inside, d_edges = spread(slopes[..., :7], start, slopes[..., 7:] @ KNOWN)
+    w = _point_states(x, edges)
+    told = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[1]
+    J = told[..., :7] @ d_edges[:, EDGE, :7] + told[..., 7:] @ POINT_KNOWN
+    return slopes, d_inside, d_edges, np.concatenate([d_edges[:, EDGE, R], J], axis=-2)
+
+
+def _kernel(kernel, w, p, *shapes, along=()):
+    """Outputs (..., *shape) of a kernel at w (..., inputs), p (..., parameters)."""
+    inputs = [np.moveaxis(part, -1, 0) for part in (w, p, *along)]
+    batch = np.broadcast_shapes(*(part.shape[1:] for part in inputs if len(part)))
+    outputs = [np.empty((int(np.prod(shape)), *batch), w.dtype) for shape in shapes]
+    kernel(*inputs, *outputs, np)
+    return [_arranged(out, shape) for out, shape in zip(outputs, shapes, strict=True)]
+
+
+def _arranged(output, shape):
+    """A kernel's output (entries, ...), column by column, as (..., *shape)."""
+    last = np.moveaxis(output, 0, -1).reshape(*output.shape[1:], *shape[::-1])
+    return last.swapaxes(-1, -2) if len(shape) > 1 else last

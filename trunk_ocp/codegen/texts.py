@@ -1,0 +1,109 @@
+"""Texts that exports share: the header that tells what an export is, templates, and running it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..provenance import versions
+from .model import OUTPUTS
+from .request import CheckError, Request, ToolMissingError
+
+TEMPLATES = Path(__file__).parent / "templates"
+LONGEST_CHECK = 600  # s
+
+_PARTS = {
+    "activation": "of the muscles in their order; negative values contract",
+    "head": "psi_Z, psi_Y in radians",
+    "gravity": "in m/s^2, along +Z, which points down",
+    "tip_force": "V at the tip in N, fixed in space",
+    "contact_force": "W in N, spread evenly from where contact starts to the tip",
+    "contact_couple": "L in N m, spread likewise",
+    "position": "r of the centerline in m",
+    "directors": "d_1, d_2, d_3 in space axes; d_3 points along the trunk",
+    "strain": "extension zeta; curvature u_1, u_2, u_3 in 1/m, in the directors",
+    "moment": "internal moment m in N m, in the directors; not of unloaded shapes",
+}
+
+
+def template(name: str) -> str:
+    """A fixed text of the folder `templates`."""
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+def header(request: Request) -> str:
+    """What an export is and the order of its numbers, as plain lines of at most 96 characters."""
+    model, layout = request.model, request.model.layout
+    contact = model.loads.contact_from
+    lines = [
+        f"Shape of the trunk {model.trunk.name!r} at {layout.points} point(s) along it.",
+        f"Made by trunk_ocp {versions()['trunk_ocp']} with {len(model.mesh.widths)} collocation "
+        f"elements of degree {model.mesh.degree}.",
+        "",
+        *_wrapped("Z in m: ", [f"{Z:g}" for Z in model.Z]),
+        f"Contact from Z = {contact:g} m." if contact is not None else "No contact region.",
+        "",
+        f"x, {layout.size} numbers, counted from 0:",
+        *(f"  {_range(where)}  {name}: {_PARTS[name]}" for name, where in layout.inputs.items()),
+        *_wrapped("Muscles: ", [*layout.muscles]),
+        "",
+        f"y, {sum(OUTPUTS.values())} numbers for each point in turn:",
+        *(f"  {_range(where)}  {name}: {_PARTS[name]}" for name, where in layout.outputs.items()),
+    ]
+    return "\n".join(line.rstrip() for line in lines) + "\n"
+
+
+def _range(where: slice) -> str:
+    return f"{where.start:3d} .. {where.stop - 1:3d}" if where.stop > where.start else "     none"
+
+
+def _wrapped(start: str, words: list[str]) -> list[str]:
+    lines = [start]
+    for word in words:
+        if len(lines[-1]) + len(word) > 90:
+            lines.append("  ")
+        lines[-1] += word + " "
+    return lines
+
+
+def commented(text: str, mark: str) -> str:
+    """Lines of text as comments that start with a mark."""
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in text.splitlines())
+
+
+def run_python(folder: Path, needs: tuple[str, ...], install: str, check: str = "check.py") -> str:
+    """What the check of a folder prints, run by this Python in a process of its own.
+
+    Raises
+    ------
+    ToolMissingError
+        If a package that it needs is not installed; says the line that installs it.
+    CheckError
+        If it ends with anything but success.
+    """
+    for package in needs:
+        if find_spec(package) is None:
+            raise ToolMissingError(f"{check} needs {package}, which is not installed: {install}")
+    return run([sys.executable, check], folder)
+
+
+def run(command: list[str], folder: Path) -> str:
+    """What a command prints, in a folder.
+
+    Raises
+    ------
+    CheckError
+        If it ends with anything but success, or not within ten minutes.
+    """
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=LONGEST_CHECK, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise CheckError(f"{' '.join(command)}: no answer after {LONGEST_CHECK} s.") from None
+    if done.returncode:
+        told = (done.stdout + done.stderr).strip()
+        raise CheckError(f"{' '.join(command)} ended with {done.returncode}:\n{told}")
+    return done.stdout

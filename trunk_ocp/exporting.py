@@ -1,0 +1,112 @@
+"""The command `trunk-ocp export`: the model for other programs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from .codegen.formats import FORMATS, check_export, export
+from .codegen.request import CheckError
+from .codegen.subjects import load_subject
+from .command import clean_errors
+from .output import standard_output
+
+DISAGREES = 3
+
+
+class Points(click.ParamType[tuple[float, ...]]):
+    """Points Z, separated by commas."""
+
+    name = "Z,Z,..."
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Numbers of a text."""
+        try:
+            return tuple(float(word) for word in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r}: expected numbers in m, such as 0.9,1.75.", param, ctx)
+
+
+@click.command("export")
+@click.argument("subject", metavar="PROBLEM|ANATOMY")
+@click.option(
+    "--what",
+    type=click.Choice(["shape", "jacobian", "constraints"]),
+    default="jacobian",
+    show_default=True,
+    help="Shapes; shapes with first derivatives; the motion programme's own functions.",
+)
+@click.option("--at", type=Points(), default=None, help="Points along the trunk in m.  [the tip]")
+@click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Format.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Where the files go.  [default: export/NAME-FORMAT]",
+)
+@click.option("--second", is_flag=True, help="Also second derivatives, along a direction.")
+@click.option("--contact-from", type=float, metavar="Z", help="Where contact loads start, in m.")
+@click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
+@click.option("--single", is_flag=True, help="Single precision (ONNX).")
+@click.option("--check", is_flag=True, help="Run the export in its own world, and compare.")
+def export_model(
+    subject: str,
+    what: str,
+    at: tuple[float, ...] | None,
+    to: str,
+    out: Path | None,
+    second: bool,
+    contact_from: float | None,
+    muscle: str | None,
+    single: bool,
+    check: bool,
+) -> None:
+    """Write the map from activations, head and loads to shape for another program.
+
+    Every export brings a check file of inputs and expected outputs; --check compiles or runs the
+    export and compares.
+
+    Exit codes: 0 written (and all agree); 2 bad usage, or a tool is missing; 3 it disagrees.
+    """
+    console = Console(file=standard_output(), highlight=False)
+    with clean_errors():
+        asked = load_subject(subject)
+        name = asked.name.replace("/", "-")
+        folder = out or Path("export") / f"{name}-{to}"
+        with console.status("writing"):
+            files = export(
+                asked,
+                to,
+                folder,
+                what,
+                at or (),
+                second=second,
+                single=single,
+                muscle=muscle,
+                contact_from=contact_from,
+            )
+        for path in files:
+            console.print(str(path), markup=False, soft_wrap=True)
+        if not FORMATS[to].loaded and not FORMATS[to].formulas:
+            console.print(
+                f"{to} carries unloaded shapes only: a loaded one takes an iteration. For those, "
+                "--to c, casadi, mex, numpy, jax or torch.",
+                soft_wrap=True,
+            )
+        if check:
+            _check(console, folder, to, what)
+
+
+def _check(console: Console, folder: Path, to: str, what: str) -> None:
+    try:
+        with console.status(f"checking: {FORMATS[to].about}"):
+            told = check_export(folder, to, what)
+    except CheckError as error:
+        click.echo(f"Error: {folder}: the export does not pass its check.\n{error}", err=True)
+        sys.exit(DISAGREES)
+    console.print(told.rstrip(), markup=False, soft_wrap=True)
