@@ -36,8 +36,6 @@ from .programme_layout import layout
 from .request import Request
 from .running import build_mex, in_a_copy, run, run_octave, tool
 
-FORMATS = ("casadi", "c", "mex")
-"""Formats that carry a programme."""
 CHECK = "programme_check.csv"
 ROOM = 0.05
 """How far the random point of the check file is from the start, in the programme's units."""
@@ -128,14 +126,6 @@ def export_programme(request: Request) -> Exported:
     window = whole.window(0, motion.steps, State())
     passive = np.zeros((len(motion.steps), whole.unknowns))
     return Exported(window, whole.packed(window, passive), request.name)
-
-
-def refused(to: str) -> InputError:
-    """What to say to who asks for constraints in a format that has no sparse programme."""
-    return InputError(
-        f"--what constraints --to {to}: {to} does not carry a programme with sparse derivatives; "
-        f"expected --to {', '.join(FORMATS[:-1])} or {FORMATS[-1]}."
-    )
 
 
 # --- formats -------------------------------------------------------------------------

@@ -42,28 +42,24 @@ static double timed(evaluation *evaluate, const double **arg, double **res, size
 int main(void) {
   size_t in_jacobian = nonzeros(nlp_jac_g_sparsity_out(1));
   size_t in_hessian = nonzeros(nlp_hess_l_sparsity_out(0));
-  double f, one = 1.0, *g = room(PROGRAMME_ROWS), *gradient = room(PROGRAMME_UNKNOWNS);
+  double f, lam_f = 1.0, *g = room(PROGRAMME_ROWS), *gradient = room(PROGRAMME_UNKNOWNS);
   double *jacobian = room(in_jacobian), *hessian = room(in_hessian), seconds;
-  const double *arg[nlp_hess_l_SZ_ARG + nlp_jac_g_SZ_ARG + nlp_grad_f_SZ_ARG] = {0};
-  double *res[nlp_hess_l_SZ_RES + nlp_jac_g_SZ_RES + nlp_grad_f_SZ_RES] = {0};
+
+  /* Inputs and outputs of each call; a function works in what is left of its own arrays. */
+  const double *of_f[nlp_grad_f_SZ_ARG] = {programme_start, NULL};
+  const double *of_g[nlp_jac_g_SZ_ARG] = {programme_start, NULL};
+  const double *of_h[nlp_hess_l_SZ_ARG] = {programme_start, NULL, &lam_f, NULL};
+  double *to_f[nlp_grad_f_SZ_RES] = {&f, gradient};
+  double *to_g[nlp_jac_g_SZ_RES] = {g, jacobian};
+  double *to_h[nlp_hess_l_SZ_RES] = {hessian};
 
   printf("%d unknowns, %d constraints\n", PROGRAMME_UNKNOWNS, PROGRAMME_ROWS);
-  arg[0] = programme_start;
-
-  res[0] = &f;
-  res[1] = gradient;
-  seconds = timed(nlp_grad_f, arg, res, nlp_grad_f_SZ_W);
+  seconds = timed(nlp_grad_f, of_f, to_f, nlp_grad_f_SZ_W);
   printf("objective %.12g, with its gradient in %.3f ms\n", f, 1e3 * seconds);
-
-  res[0] = g;
-  res[1] = jacobian;
-  seconds = timed(nlp_jac_g, arg, res, nlp_jac_g_SZ_W);
+  seconds = timed(nlp_jac_g, of_g, to_g, nlp_jac_g_SZ_W);
   printf("Jacobian: %lu nonzeros, in %.3f ms\n", (unsigned long)in_jacobian, 1e3 * seconds);
-
-  arg[2] = &one; /* lam_f; lam_g is NULL, so this is the Hessian of the objective */
-  res[0] = hessian;
-  res[1] = NULL;
-  seconds = timed(nlp_hess_l, arg, res, nlp_hess_l_SZ_W);
+  /* lam_g is NULL, so this is the Hessian of the objective; it takes as long as any. */
+  seconds = timed(nlp_hess_l, of_h, to_h, nlp_hess_l_SZ_W);
   printf("Hessian: %lu nonzeros, in %.3f ms\n", (unsigned long)in_hessian, 1e3 * seconds);
 
   free(g);

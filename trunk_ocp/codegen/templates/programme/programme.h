@@ -2,9 +2,9 @@
  *
  *     minimise f(x)  subject to  lower <= x <= upper  and  row_lower <= g(x) <= row_upper
  *
- * @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of @LENGTH@ m, forces of
- * @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2. layout.json says what each
- * unknown, row and parameter is.
+ * @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of
+ * @LENGTH@ m, forces of @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2.
+ * layout.json says what each unknown, row and parameter is.
  *
  * The functions, in C by CasADi's code generator. There is no allocation and no state, so they
  * may run in several threads at once:
@@ -24,6 +24,8 @@
  *     long long iw[nlp_jac_g_SZ_IW + 1];
  *     int failed = nlp_jac_g(arg, res, iw, w, 0);
  *
+ * A function works in what is left of arg and res, so give each function arrays of its own.
+ *
  * p is a change of the motion's own @PARAMETERS@ parameters (parameters.csv), such as a target that
  * moves, so NULL is the motion as it is. A matrix is the list of its nonzeros, column by column;
  * nlp_jac_g_sparsity_out(1) says where they are, as (rows, columns, where each column starts in
@@ -34,6 +36,9 @@
  *
  *     options = {"no_nlp_grad": True, "calc_lam_p": False}
  *     solver = casadi.nlpsol("solver", "ipopt", "./libprogramme.so", options)
+ *
+ * A first barrier of 1e-6 (ipopt.mu_init) keeps Ipopt near its start; its own 0.1 leaves it, and
+ * ends in worse optima.
  */
 #ifndef TRUNK_PROGRAMME_H
 #define TRUNK_PROGRAMME_H

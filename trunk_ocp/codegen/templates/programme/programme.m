@@ -16,8 +16,8 @@
 %   @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of
 %   @LENGTH@ m, forces of @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2.
 %   layout.json says what each unknown, row and parameter is. The second input of the functions,
-%   after x, is a change of the motion's own @PARAMETERS@ parameters (parameters.csv), such as a target
-%   that moves; left out or [], it is 0.
+%   after x, is a change of the motion's own @PARAMETERS@ parameters (parameters.csv), such as a
+%   target that moves; left out or [], it is 0.
 %
 %   To build, in MATLAB:
 %       mex -output programme programme_mex.c programme.c programme_data.c

@@ -35,6 +35,8 @@ def solver() -> ca.Function:
         "grad_f": gradient,
         "jac_g": jacobian,
         "hess_lag": hessian,
+        # There are many local optima; Ipopt's own 0.1 leaves the start and finds worse ones.
+        "ipopt.mu_init": 1e-6,
         # Multipliers of p would need one more function.
         "no_nlp_grad": True,
         "calc_lam_p": False,
