@@ -7,9 +7,9 @@ import exported
 import numpy as np
 import pytest
 
-from trunk_ocp.codegen.model import reference
+from trunk_ocp.codegen.model import build_model, reference
 from trunk_ocp.codegen.numpy_module import check_numpy, write_numpy
-from trunk_ocp.codegen.request import CheckError
+from trunk_ocp.codegen.request import CheckError, Request
 
 VALUE = 1e-10  # the promise of issue 7, with different meshes and formulations on either side
 EXACT = 1e-12  # complex steps have no error but round-off
@@ -121,6 +121,28 @@ def test_a_load_beyond_equilibrium_is_named_with_the_share_reached(module, x, mo
         module.loaded(some)
 
 
+def test_a_shape_that_has_no_answer_does_not_harm_its_neighbours(module, x):
+    """Loads so large that matrices become singular: its own error, and NaN nowhere else."""
+    hard = x.copy()
+    hard[1, 30:] *= 1e6
+    with pytest.raises(module.NoShape, match=r"shape \(1,\)"):
+        module.loaded(hard)
+    inside, _, converged = module._newton(hard, module._unbent(hard))
+    np.testing.assert_array_equal(converged, [True, False, True, True])
+    np.testing.assert_allclose(inside[2], module._solve(x)[0][2], rtol=0, atol=1e-9)
+
+
+def test_a_plain_rod_without_taper_muscles_or_contact_is_exported_alike(build, tmp_path):
+    rod = build_model(build(), (0.0, 0.4), elements=8)  # at its tip the moment is 0
+    text = write_numpy(Request(rod, "shape", "rod"))["trunk_numpy.py"]
+    module = exported.load(tmp_path, "trunk_numpy", text)
+    x = np.array([[0.1, -0.2, 9.8, 0.3, -0.2, 0.1]])
+    wanted = reference(rod, x)
+    assert max(exported.agreement(module.loaded(x), wanted)) < VALUE
+    slopes = exported.slopes(module.loaded, x)
+    assert max(exported.agreement(module.jacobian(x)[1], slopes)) < EXACT
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -157,3 +179,9 @@ def test_the_export_checks_itself_and_notices_a_wrong_number(tmp_path):
     np.savetxt(tmp_path / "check.csv", table, delimiter=",", fmt="%.17g")
     with pytest.raises(CheckError, match=r"loaded position .*ABOVE 1e-10"):
         check_numpy(tmp_path)
+
+
+def test_a_shape_export_is_checked_for_its_shapes_alone(tmp_path):
+    exported.export(tmp_path, write_numpy(exported.request("shape")))
+    exported.write_checks(tmp_path, ())
+    assert "jacobian" not in check_numpy(tmp_path)

@@ -249,7 +249,7 @@ def spread(slopes, start, forcing):
     right[..., :7] = np.eye(7)
     right[..., 7:] = np.einsum("eij,bejxk->beixk", hA, forcing[..., :7, :])
     matrix, flat = matrix.reshape(B, E, 7 * d, 7 * d), right.reshape(B, E, 7 * d, 7 + K)
-    inside = np.linalg.solve(matrix, flat).reshape(right.shape)
+    inside = _solved(matrix, flat).reshape(right.shape)
     rate = slopes @ inside
     rate[..., 7:] += forcing
     change = np.einsum("ej,bejxk->bexk", WIDTHS[:, None] * WEIGHTS, rate)
@@ -261,10 +261,21 @@ def spread(slopes, start, forcing):
         state = state + change[:, e, :, :7] @ state[:, :7]
         state[..., 3:] += change[:, e, :, 7:]
         states.append(state)
-    moment = -np.linalg.solve(state[:, M, :3], state[:, M, 3:])
+    moment = -_solved(state[:, M, :3], state[:, M, 3:])
     states = np.stack(states, axis=1)
     edges = states[..., 3:] + states[..., :3] @ moment[:, None]
     return inside[..., :7] @ edges[:, :-1, None, :7] + inside[..., 7:], edges
+
+
+def _solved(matrix, right):
+    """Solutions of linear equations (..., m, m), NaN for those whose matrix is singular."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        if matrix.ndim == 2:
+            return np.full_like(right, np.nan)
+        each = [_solved(*one) for one in zip(matrix, right, strict=True)]
+        return np.stack(each)
 
 
 def _point_states(x, edges):

@@ -1,4 +1,4 @@
-"""The unloaded shape in closed form, in the Python array API: for NumPy, JAX, PyTorch, ONNX."""
+"""The unloaded shape in closed form, by functions that NumPy, JAX and PyTorch all have."""
 
 import numpy as np
 
@@ -49,8 +49,8 @@ def unloaded_in(xp, controls, slopes: bool = True):
     activation, head = controls[..., INPUTS["activation"]], controls[..., INPUTS["head"]]
     strain = [float(i == 0) + activation @ like(STRAIN[SEGMENT, i].T) for i in range(4)]
     pose = _outputs(xp, base_slopes, [head[..., 0], head[..., 1]], [], 7, 2)
-    turn = _outputs(xp, turn_slopes, strain, like(PIECE[:, :1].T), 4, 4)
-    rho = _outputs(xp, spiral_slopes, strain, like(PIECE.T), 3, 4)
+    turn = _outputs(xp, turn_slopes, strain, [like(PIECE[:, 0])], 4, 4)
+    rho = _outputs(xp, spiral_slopes, strain, [like(p) for p in PIECE.T], 3, 4)
     T, step = _rows(xp, _directors(turn[0])), _rows(xp, [rho[0]])
     D, r = [_rows(xp, _directors(pose[0][:4]))], [_rows(xp, [pose[0][4:]])]
     for e in range(len(SEGMENT)):
@@ -60,7 +60,7 @@ def unloaded_in(xp, controls, slopes: bool = True):
     at_D = xp.stack([D[e] for e in EDGE], axis=-3)
     own = [float(i == 0) + activation @ like(POINT_STRAIN[:, i].T) for i in range(4)]
     at_own = xp.stack(own, axis=-1)
-    y = xp.concat([at_r, *(at_D[..., i, :] for i in range(3)), at_own], axis=-1)
+    y = xp.concatenate([at_r, *(at_D[..., i, :] for i in range(3)), at_own], axis=-1)
     if not slopes:
         return y, None
     angle, shift = _motions(xp, pose, turn, rho, D, r)
@@ -70,7 +70,7 @@ def unloaded_in(xp, controls, slopes: bool = True):
     d_D = [_cross(xp, angle, at_D[..., i, :][..., None], -2) for i in range(3)]
     fixed = np.concatenate([POINT_STRAIN, np.zeros((len(EDGE), 4, 2))], axis=-1)
     d_strain = like(fixed) + xp.zeros_like(d_r[..., :1, :])
-    return y, xp.concat([d_r, *d_D, d_strain], axis=-2)
+    return y, xp.concatenate([d_r, *d_D, d_strain], axis=-2)
 
 
 def _motions(xp, pose, turn, rho, D, r):
@@ -85,8 +85,8 @@ def _motions(xp, pose, turn, rho, D, r):
     shift = _rows(xp, rho[1]) @ before - _cross(xp, angle, end, -1)
     turned = _rows(xp, [_angle(pose[0], d) for d in pose[1]])
     moved = _rows(xp, [d[4:] for d in pose[1]]) - _cross(xp, turned, r[0], -1)
-    angle = xp.concat([*(angle[..., i, :] for i in range(4)), turned], axis=-2)
-    shift = xp.concat([*(shift[..., i, :] for i in range(4)), moved], axis=-2)
+    angle = xp.concatenate([*(angle[..., i, :] for i in range(4)), turned], axis=-2)
+    shift = xp.concatenate([*(shift[..., i, :] for i in range(4)), moved], axis=-2)
     return (xp.stack([part[..., i] for i in range(3)], axis=-2) for part in (angle, shift))
 
 

@@ -1,0 +1,390 @@
+"""The C99 export: shapes, derivatives, failures and memory, of the program as it is compiled."""
+
+import ctypes
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+
+import exported
+import numpy as np
+import pytest
+
+from trunk_ocp.codegen import c as c_export
+from trunk_ocp.codegen.c import STRICT, check_c, write_c
+from trunk_ocp.codegen.model import build_model, reference
+from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
+from trunk_ocp.loads import Loads
+from trunk_ocp.unloaded import unloaded_states
+
+VALUE = 1e-10  # the promise of issue 7, with different meshes and formulations on either side
+SLOPE = 1e-8  # and that for high-order differences
+SAME = 1e-12  # Newton's method leaves 1e-13 of a shape, wherever it starts
+OK, NOT_FOUND, COLLAPSED, NOT_FINITE = range(4)
+WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])  # eighth-order central differences
+
+
+def run(*command, folder=None):
+    done = subprocess.run(list(map(str, command)), cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+class Library:
+    """A compiled trunk.c, called through ctypes; `work` as the memory of a caller."""
+
+    def __init__(self, folder, model):
+        library = folder / "libtrunk.so"
+        run("cc", *STRICT, "-O2", "-fPIC", "-shared", folder / "trunk.c", "-o", library, "-lm")
+        self.c, self.layout, self.points = ctypes.CDLL(library), model.layout, len(model.Z)
+        self.c.trunk_work_size.restype = ctypes.c_size_t
+        self.c.trunk_message.restype = ctypes.c_char_p
+        self.work = self.new_work()
+
+    def new_work(self):
+        work = ctypes.create_string_buffer(self.c.trunk_work_size())
+        self.c.trunk_reset(work)
+        return work
+
+    def status(self, name, *arguments):
+        """Call a function with works and arrays as they are, other arguments as float arrays."""
+        memory = [a if isinstance(a, np.ndarray | ctypes.Array) else _floats(a) for a in arguments]
+        return getattr(self.c, name)(
+            *(_pointer(a) if isinstance(a, np.ndarray) else a for a in memory)
+        )
+
+    def loaded(self, x, work=None):
+        y = np.full((self.points, 19), np.nan)
+        assert self.status("trunk_loaded", list(x), work or self.work, y) == OK
+        return y
+
+    def cold(self, x):
+        return self.loaded(x, self.new_work())
+
+    def jacobian(self, x, work=None):
+        J = np.full((self.points, 19, self.layout.size), np.nan)
+        self.loaded(x, work)
+        assert self.status("trunk_jacobian", work or self.work, J) == OK
+        return J
+
+    def second(self, x, v):
+        dJ = np.full((self.points, 19, self.layout.size), np.nan)
+        self.loaded(x)
+        assert self.status("trunk_second", self.work, list(v), dJ) == OK
+        return dJ
+
+    def unloaded(self, controls):
+        y = np.full((self.points, 16), np.nan)
+        J = np.full((self.points, 16, self.layout.controls), np.nan)
+        assert self.status("trunk_unloaded", list(controls), y, J) == OK
+        return y, J
+
+
+def _floats(values):
+    return np.array(values, dtype=float)
+
+
+def _pointer(array):
+    assert array.flags.c_contiguous
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def differences(function, x, v):
+    """Derivative of a function along v, to eighth order in v."""
+    return sum(
+        w * (function(x + i * v) - function(x - i * v)) for i, w in enumerate(WEIGHTS, start=1)
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """An export with everything, and its check files."""
+    folder = tmp_path_factory.mktemp("c")
+    exported.export(folder, write_c(exported.request(second=True)))
+    exported.write_checks(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def library(folder):
+    return Library(folder, exported.model())
+
+
+@pytest.fixture
+def x():
+    return exported.inputs()
+
+
+@pytest.fixture
+def direction():
+    """A change of all inputs: 0.2 % of an activation, some N of a load."""
+    v = np.random.default_rng(2).normal(size=exported.model().layout.size)
+    v[: exported.model().layout.controls] *= 2e-3
+    return v
+
+
+def push(x, newtons):
+    """The same inputs with a push on the tip towards the base."""
+    x = x.copy()
+    x[exported.model().layout.inputs["tip_force"]] = (5.0, 3.0, -newtons)
+    return x
+
+
+# Numbers
+
+
+def test_loaded_shapes_are_those_of_solve_statics(library, x):
+    y = np.array([library.cold(row) for row in x])
+    assert max(exported.agreement(y, reference(exported.model(), x))) < VALUE
+
+
+def test_unloaded_shapes_are_the_closed_form(library, x):
+    model, n = exported.model(), exported.model().layout.controls
+    y, _ = library.unloaded(x[0, :n])
+    r, _ = unloaded_states(model.trunk, x[0, : n - 2], x[0, n - 2 : n], np.array(model.Z))
+    np.testing.assert_allclose(y[:, :3], r, atol=1e-14)  # round-off of metres
+
+
+def test_the_jacobian_is_the_slope_of_the_shape(library, x, direction):
+    for row in x[:2]:
+        wanted = differences(library.loaded, row, direction)
+        got = library.jacobian(row) @ direction
+        assert max(exported.agreement(got[None], wanted[None])) < SLOPE
+
+
+def test_the_second_derivative_is_the_slope_of_the_jacobian(library, x, direction):
+    wanted = differences(library.jacobian, x[0], direction)
+    assert max(exported.agreement(library.second(x[0], direction)[None], wanted[None])) < SLOPE
+
+
+def test_the_unloaded_jacobian_is_the_slope_of_the_unloaded_shape(library, x, direction):
+    n = exported.model().layout.controls
+    wanted = differences(lambda controls: library.unloaded(controls)[0], x[0, :n], direction[:n])
+    got = library.unloaded(x[0, :n])[1] @ direction[:n]
+    assert max(exported.agreement(got[None], wanted[None])) < SLOPE
+
+
+def test_a_jacobian_asked_for_again_is_the_same(library, x):
+    first = library.jacobian(x[0])
+    again = np.zeros_like(first)
+    assert library.status("trunk_jacobian", library.work, again) == OK
+    np.testing.assert_array_equal(again, first)
+
+
+# Where a shape starts from
+
+
+def test_a_shape_does_not_depend_on_the_one_before(library, x):
+    for step in np.linspace(0, 1, 30):
+        here = x[0] + step * (x[1] - x[0])
+        warm, cold = library.loaded(here), library.cold(here)
+        np.testing.assert_allclose(warm, cold, rtol=SAME, atol=SAME * np.abs(cold).max())
+        library.jacobian(here)
+
+
+PROBE = """
+#include "trunk.c"
+/* Whether Newton's method gets from the unloaded shape to the full load at once. */
+int at_once(const double *x, trunk_work *work)
+{
+    trunk_reset(work);
+    work->head[0] = x[TRUNK_HEAD];
+    work->head[1] = x[TRUNK_HEAD + 1];
+    set_strain(x, work->strain, &work->mean);
+    set_loads(work, x, 1);
+    set_unloaded(work);
+    return newton(work);
+}
+"""
+
+
+def test_a_push_that_buckles_the_trunk_is_reached_by_raising_the_load(folder, library, x, tmp_path):
+    (tmp_path / "probe.c").write_text(PROBE)
+    probe = tmp_path / "probe.so"
+    run("cc", "-I", folder, "-O2", "-fPIC", "-shared", tmp_path / "probe.c", "-o", probe, "-lm")
+    hard = push(x[0], 600.0)
+    assert not ctypes.CDLL(probe).at_once(_pointer(hard), library.new_work())
+    y = library.cold(hard)
+    assert max(exported.agreement(y[None], reference(exported.model(), hard[None]))) < VALUE
+
+
+def test_a_start_that_does_not_help_is_given_up_for_the_unloaded_shape(library, x):
+    library.jacobian(push(x[0], 2000.0))
+    far = x[1].copy()
+    far[:28] = x[2][:28]
+    y, wanted = library.loaded(far), reference(exported.model(), far[None])
+    assert max(exported.agreement(y[None], wanted)) < VALUE
+
+
+# Failures
+
+
+@pytest.mark.parametrize(
+    ("change", "status"),
+    [
+        ({0: np.nan}, NOT_FINITE),
+        ({31: np.inf}, NOT_FINITE),
+        (dict.fromkeys(range(28), -40.0), COLLAPSED),
+        ({31: 1e12, 32: 1e12}, NOT_FOUND),
+    ],
+)
+def test_a_call_that_fails_says_why_and_leaves_a_clean_work(library, x, change, status):
+    bad, y, J = x[0].copy(), np.full((3, 19), 7.0), np.zeros((3, 19, 40))
+    for place, value in change.items():
+        bad[place] = value
+    library.jacobian(x[0])
+    assert library.status("trunk_loaded", bad, library.work, y) == status
+    assert np.all(y == 7.0)
+    assert library.status("trunk_jacobian", library.work, J) == NOT_FOUND
+    np.testing.assert_array_equal(library.loaded(x[0]), library.cold(x[0]))
+
+
+def test_unloaded_shapes_fail_alike(library, x):
+    y, J = np.zeros((3, 16)), np.zeros((3, 16, 30))
+    assert library.status("trunk_unloaded", np.full(30, np.nan), y, J) == NOT_FINITE
+    assert library.status("trunk_unloaded", np.full(30, -40.0), y, J) == COLLAPSED
+
+
+def test_a_direction_that_is_not_finite_is_refused_and_the_shape_kept(library, x):
+    dJ, J = np.zeros((3, 19, 40)), np.zeros((3, 19, 40))
+    library.loaded(x[0])
+    assert library.status("trunk_second", library.work, np.full(40, np.nan), dJ) == NOT_FINITE
+    assert library.status("trunk_jacobian", library.work, J) == OK
+
+
+def test_every_status_is_a_sentence_of_its_own(library):
+    assert len({library.c.trunk_message(status) for status in range(5)}) == 5
+
+
+# Memory
+
+
+def test_two_trunks_in_turn_do_not_disturb_each_other(library, x):
+    alone = [
+        [library.jacobian(row + 1e-3 * i, work) for i in range(3)]
+        for row, work in ((x[0], library.new_work()), (x[1], library.new_work()))
+    ]
+    works = library.new_work(), library.new_work()
+    for i in range(3):
+        for k in range(2):
+            together = library.jacobian(x[k] + 1e-3 * i, works[k])
+            np.testing.assert_array_equal(together, alone[k][i])
+
+
+def test_two_threads_at_once_give_what_one_does(library, x):
+    def follow(row):
+        work = library.new_work()
+        return np.array([library.jacobian(row * (1 - 1e-3 * i), work) for i in range(40)])
+
+    with ThreadPoolExecutor(2) as pool:
+        for got, row in zip(pool.map(follow, x), x, strict=True):
+            np.testing.assert_array_equal(got, follow(row))
+
+
+def test_nothing_is_allocated_and_nothing_kept(folder, tmp_path):
+    made = tmp_path / "trunk.o"
+    run("cc", *STRICT, "-O3", "-c", folder / "trunk.c", "-o", made)
+    symbols = [line.split()[-2:] for line in run("nm", made).splitlines()]
+    mathematics = {"sqrt", "sin", "cos", "sincos", "memset", "memcpy", "memmove"}
+    assert {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_"} <= (
+        mathematics | {"__stack_chk_fail"}
+    )
+    assert not [name for kind, name in symbols if kind in "bBC"]  # variables
+    assert {name for kind, name in symbols if kind in "dD"} <= {"trunk_input_names"}
+
+
+def test_valgrind_finds_no_fault(folder, tmp_path):
+    for name in ("check.csv", "check_unloaded.csv"):
+        rows = (folder / name).read_text().splitlines(keepends=True)
+        (tmp_path / name).write_text("".join(rows[:2]))
+    program = tmp_path / "check"
+    run("cc", "-g", "-O1", "-std=c99", folder / "trunk.c", folder / "check.c", "-o", program, "-lm")
+    run("valgrind", "--error-exitcode=9", "--leak-check=full", "-q", program, tmp_path)
+
+
+# Compiling and checking
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("name", ["trunk.c", "example.c", "check.c"])
+def test_the_sources_compile_without_a_warning(folder, tmp_path, compiler, name):
+    if compiler == "clang" and not shutil.which(compiler):
+        pytest.skip("clang is a second opinion")
+    run(compiler, *STRICT, "-O3", "-c", folder / name, "-o", tmp_path / "out.o")
+
+
+def test_the_header_is_cpp_as_well(folder, tmp_path):
+    (tmp_path / "use.cpp").write_text(
+        '#include "trunk.h"\nint use(trunk_work *w) { trunk_reset(w); return TRUNK_OK; }\n'
+    )
+    strict = ("-std=c++11", "-pedantic", *STRICT[2:])
+    run("g++", *strict, "-I", folder, "-c", tmp_path / "use.cpp", "-o", tmp_path / "use.o")
+
+
+def test_the_export_proves_itself(folder):
+    told = check_c(folder)
+    assert "all agree" in told
+    for kind in ("loaded", "jacobian", "second", "unloaded", "unloaded_jacobian"):
+        assert f"\n{kind} position" in "\n" + told
+
+
+def test_a_check_file_with_a_wrong_number_is_found_out(folder, tmp_path):
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    rows = np.loadtxt(folder / "check.csv", delimiter=",")
+    rows[1, 40 + 2] += 1e-8  # a position by 10 nm
+    np.savetxt(tmp_path / "check.csv", rows, delimiter=",", fmt="%.17g")
+    with pytest.raises(CheckError, match="loaded position") as error:
+        check_c(tmp_path)
+    assert "some DISAGREE" in str(error.value)
+
+
+def test_sources_that_do_not_compile_are_told(folder, tmp_path):
+    exported.export(tmp_path, write_c(exported.request()))
+    (tmp_path / "trunk.c").write_text("int trunk(void) { return }\n")
+    with pytest.raises(CheckError, match="does not compile"):
+        check_c(tmp_path)
+
+
+def test_a_missing_compiler_names_the_line_that_installs_one(folder, monkeypatch):
+    monkeypatch.setattr(c_export, "COMPILER", "no-such-compiler")
+    with pytest.raises(ToolMissingError, match="apt-get install gcc"):
+        check_c(folder)
+
+
+def test_cmake_builds_the_library_and_runs_the_check(folder, tmp_path):
+    run("cmake", "-S", folder, "-B", tmp_path)
+    run("cmake", "--build", tmp_path)
+    assert "100% tests passed" in run("ctest", "--test-dir", tmp_path)
+    assert "CMAKE_BUILD_TYPE:STRING=Release" not in (tmp_path / "CMakeCache.txt").read_text()
+    assert "microseconds a call" in run(tmp_path / "example")
+
+
+# Other trunks and requests
+
+
+def test_a_shape_alone_comes_without_derivatives(tmp_path, x):
+    exported.export(tmp_path, write_c(exported.request("shape")))
+    exported.write_checks(tmp_path, wanted=())
+    assert "jacobian" not in check_c(tmp_path)
+    assert "trunk_jacobian(" not in (tmp_path / "trunk.c").read_text()
+    run("cc", *STRICT, "-c", tmp_path / "example.c", "-o", tmp_path / "example.o")
+
+
+def test_a_rod_without_muscles_and_without_taper_bends_under_its_loads(build, tmp_path):
+    model = build_model(build(), (0.5, 1.0), Loads(9.8))
+    exported.export(tmp_path, write_c(Request(model, "jacobian", "rod", second=True)))
+    library = Library(tmp_path, model)
+    x = np.array([0.1, 0.2, 9.8, 0.3, -0.2, 0.1])
+    y = library.loaded(x)
+    np.testing.assert_allclose(y, reference(model, x[None])[0], rtol=VALUE, atol=VALUE)
+    v = np.array([1e-2, 1e-2, 1e-1, 2e-2, 2e-2, 2e-2])
+    wanted = differences(library.loaded, x, v)
+    np.testing.assert_allclose(library.jacobian(x) @ v, wanted, rtol=SLOPE, atol=SLOPE * 1e-2)
+    wanted = differences(library.jacobian, x, v)
+    np.testing.assert_allclose(library.second(x, v), wanted, rtol=SLOPE, atol=1e-10)
+    for name in ("example.c", "check.c"):
+        run("cc", *STRICT, "-O2", "-c", tmp_path / name, "-o", tmp_path / "out.o")
+
+
+def test_what_is_written_does_not_change_from_one_export_to_the_next():
+    request = exported.request(second=True)
+    assert write_c(request) == write_c(request)
