@@ -290,9 +290,9 @@ class Pass:
         )
 
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
-        return self.optimiser.solve(window, self._start(window, x), self.mode, detail)
+        return self.optimiser.solve(window, self.packed(window, x), self.mode, detail)
 
-    def _start(self, window: Window, x: np.ndarray) -> np.ndarray:
+    def packed(self, window: Window, x: np.ndarray) -> np.ndarray:
         """All unknowns of a window from those of its steps, within bounds, rods in equilibrium."""
         boxes = [step.box for step in window.steps]
         x = np.clip(x, [box.lower for box in boxes], [box.upper for box in boxes])

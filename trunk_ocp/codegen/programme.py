@@ -1,0 +1,267 @@
+"""The programme of a motion for other solvers: objective, constraints, sparse derivatives.
+
+Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled library as it is:
+
+    nlp         (x, p)                ->  f, g
+    nlp_f       (x, p)                ->  f
+    nlp_g       (x, p)                ->  g
+    nlp_grad_f  (x, p)                ->  f, gradient of f
+    nlp_jac_g   (x, p)                ->  g, sparse Jacobian of g
+    nlp_hess_l  (x, p, lam_f, lam_g)  ->  upper triangle of the Hessian of lam_f f + lam_g . g
+
+The motion's parameters are inside; p is a change of them, zero if left out. Lengths are in units
+of L, moments in E I(0) / L, as in `transcription`; `programme_layout` says what is what.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from ..errors import InputError
+from ..planner import Options, Pass, State, first_mesh
+from ..solver import Optimiser
+from ..transcription import Window
+from .programme_layout import layout
+from .request import Request
+from .running import build_mex, in_a_copy, run, run_octave, tool
+
+CHECK = "programme_check.csv"
+ROOM = 0.05
+"""How far the random point of the check file is from the start, in the programme's units."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A motion's programme as the planner makes it for a horizon, and the passive trunk in it."""
+
+    window: Window
+    start: np.ndarray
+    name: str
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """The six functions by name."""
+        programme = self.window.programme
+        x, p = ca.MX.sym("x", programme.size[0]), ca.MX.sym("p", self.window.parameters.size)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.size[1])
+        at, problem, first = [x, ca.DM(self.window.parameters) + p], programme.nlp(), ["x", "p"]
+        both = ca.Function("both", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
+        f, g = both.call(at, True, False)
+        made = [
+            ca.Function("nlp", [x, p], [f, g], first, ["f", "g"]),
+            ca.Function("nlp_f", [x, p], [f], first, ["f"]),
+            ca.Function("nlp_g", [x, p], [g], first, ["g"]),
+        ]
+        for known in programme.derivatives().values():
+            more = [lam_f, lam_g] if known.n_in() == 4 else []
+            outputs = known.call([*at, *more], True, False)
+            names = known.name_in(), known.name_out()
+            made.append(ca.Function(known.name(), [x, p, *more], outputs, *names))
+        return {function.name(): function for function in made}
+
+    @cached_property
+    def bounds(self) -> dict[str, np.ndarray]:
+        """Bounds of x and g: lbx, ubx, lbg, ubg."""
+        return self.window.bounds
+
+    def checks(self) -> str:
+        """The check file: what `Programme` itself gives at the start and at a random point.
+
+        A line for each: x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of
+        the Hessian, column by column.
+        """
+        programme, p = self.window.programme, self.window.parameters
+        derivatives, rng = programme.derivatives(), np.random.default_rng(0)
+        lines = []
+        for x in (self.start, self.start + ROOM * rng.normal(size=self.start.size)):
+            lam = rng.normal(size=1 + programme.size[1])
+            f, gradient = derivatives["grad_f"](x, p)
+            g, jacobian = derivatives["jac_g"](x, p)
+            hessian = derivatives["hess_lag"](x, p, lam[0], lam[1:])
+            parts = [x, f, g, gradient, jacobian.nonzeros(), lam, hessian.nonzeros()]
+            lines.append(_row(np.concatenate([np.ravel(np.asarray(part)) for part in parts])))
+        return "\n".join(lines) + "\n"
+
+    def tables(self) -> dict[str, str]:
+        """Layout, bounds, start and parameters: the files that every format comes with."""
+        lower, upper, low, high = (self.bounds[name] for name in ("lbx", "ubx", "lbg", "ubg"))
+        return {
+            "layout.json": json.dumps(layout(self.window, self.name), indent=1) + "\n",
+            "unknowns.csv": _table(np.stack([lower, upper, self.start], axis=1)),
+            "rows.csv": _table(np.stack([low, high], axis=1)),
+            "parameters.csv": _table(self.window.parameters[:, None]),
+            CHECK: self.checks(),
+        }
+
+
+def export_programme(request: Request) -> Exported:
+    """The programme of a request's motion.
+
+    Raises
+    ------
+    InputError
+        If the request has no motion.
+    """
+    motion = request.motion
+    if motion is None:
+        raise InputError(
+            f"--what constraints: {request.name} is an anatomy; expected a problem, whose motion "
+            "has constraints. Name one, such as pick-fruit."
+        )
+    options = Options()
+    whole = Pass(
+        motion, first_mesh(motion, options), "horizon", len(motion.steps), options, Optimiser()
+    )
+    window = whole.window(0, motion.steps, State())
+    passive = np.zeros((len(motion.steps), whole.unknowns))
+    return Exported(window, whole.packed(window, passive), request.name)
+
+
+# --- formats -------------------------------------------------------------------------
+
+
+def write_programme_casadi(request: Request) -> dict[str, str | bytes]:
+    """One CasADi file for each of nlp and its derivatives, and programs that load them."""
+    exported = export_programme(request)
+    made: dict[str, str | bytes] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("nlp", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l"):
+            path = Path(folder) / f"{name}.casadi"
+            exported.functions[name].save(str(path))
+            made[path.name] = path.read_bytes()
+    for name in ("solve.py", "check.py"):
+        made[name] = _template(name, exported)
+    return made | exported.tables()
+
+
+def write_programme_c(request: Request) -> dict[str, str | bytes]:
+    """C99 by CasADi's code generator, bounds and start as arrays, example, check, CMake file."""
+    exported = export_programme(request)
+    made = _c_files(exported)
+    for name in ("example.c", "check.c", "CMakeLists.txt"):
+        made[name] = _template(name, exported)
+    return made | exported.tables()
+
+
+def write_programme_mex(request: Request) -> dict[str, str | bytes]:
+    """A MEX gateway to the C export, its help, example and check.
+
+    CasADi's own gateway would need 3.4 MB of stack for pick-fruit, and a macro in Octave.
+    """
+    exported = export_programme(request)
+    made = _c_files(exported)
+    for name in ("programme_mex.c", "programme.m", "programme_example.m", "check.m"):
+        made[name] = _template(name, exported)
+    return made | exported.tables()
+
+
+def _c_files(exported: Exported) -> dict[str, str | bytes]:
+    """programme.c, programme.h and programme_data.c."""
+    with tempfile.TemporaryDirectory() as folder:
+        # Canonical: a full matrix, too, says where its nonzeros are, so that readers need no case.
+        options = {"with_header": True, "force_canonical": True}
+        generator = ca.CodeGenerator("programme.c", options)
+        for function in exported.functions.values():
+            generator.add(function)
+        generator.generate(f"{folder}/")
+        code, header = (Path(folder, f"programme.{end}").read_text() for end in "ch")
+    head = _template("programme.h", exported)
+    arrays = {
+        "lower": exported.bounds["lbx"],
+        "upper": exported.bounds["ubx"],
+        "start": exported.start,
+        "row_lower": exported.bounds["lbg"],
+        "row_upper": exported.bounds["ubg"],
+    }
+    data = [f"const double programme_{name}[] = {{{_c(v)}}};\n" for name, v in arrays.items()]
+    return {
+        "programme.c": _template("programme.c", exported) + code,
+        "programme.h": head.replace("/* CasADi's declarations */\n", header),
+        "programme_data.c": _template("programme_data.c", exported) + "\n".join(data),
+    }
+
+
+def _template(name: str, exported: Exported) -> str:
+    """A fixed file, with what differs from programme to programme filled in."""
+    text = (files("trunk_ocp") / "codegen" / "templates" / "programme" / name).read_text()
+    window = exported.window
+    known = {
+        "NAME": re.sub(r"[^\w .,-]", " ", exported.name),  # it goes into comments
+        "VERSION": version("trunk_ocp"),
+        "STEPS": len(window.steps),
+        "UNKNOWNS": window.programme.size[0],
+        "ROWS": window.programme.size[1],
+        "PARAMETERS": window.parameters.size,
+        "LENGTH": repr(float(window.length)),
+        "MOMENT": repr(float(window.moment)),
+        "FORCE": repr(float(window.force)),
+    }
+    return re.sub(r"@([A-Z]+)@", lambda found: str(known[found[1]]), text)
+
+
+def _row(values: np.ndarray) -> str:
+    return ",".join(format(value, ".17g") for value in values.tolist())
+
+
+def _table(values: np.ndarray) -> str:
+    return "".join(_row(row) + "\n" for row in values)
+
+
+def _c(values: np.ndarray) -> str:
+    """Numbers of a C array, some to a line."""
+    texts = [repr(value).replace("inf", "INFINITY") for value in values.tolist()]
+    return ",\n".join(", ".join(texts[i : i + 8]) for i in range(0, len(texts), 8))
+
+
+# --- checks --------------------------------------------------------------------------
+
+
+def check_programme_casadi(folder: Path) -> str:
+    """Run the check of a CasADi export; what it printed.
+
+    Raises
+    ------
+    CheckError
+        If it disagrees with the check file.
+    """
+    return run([sys.executable, "check.py"], folder)
+
+
+def check_programme_c(folder: Path) -> str:
+    """Compile a C export with all warnings as errors, and run its check; what it printed.
+
+    Raises
+    ------
+    CheckError, ToolMissingError
+        If it disagrees with the check file, or there is no C compiler.
+    """
+    compiler = tool("cc", "a C compiler", "apt-get install gcc")
+    strict = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
+    with in_a_copy(folder) as copy:
+        sources = ["check.c", "programme.c", "programme_data.c"]
+        run([compiler, *strict, "-o", "check", *sources, "-lm"], copy)
+        return run([str(copy / "check")], copy)
+
+
+def check_programme_mex(folder: Path) -> str:
+    """Compile a MEX export and run its check in Octave; what it printed.
+
+    Raises
+    ------
+    CheckError, ToolMissingError
+        If it disagrees with the check file, or Octave or its compiler is missing.
+    """
+    with in_a_copy(folder) as copy:
+        build_mex(copy, "programme", ["programme_mex.c", "programme.c", "programme_data.c"])
+        return run_octave(copy, "check")

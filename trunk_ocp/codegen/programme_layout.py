@@ -1,0 +1,249 @@
+"""What each unknown, constraint row and parameter of an exported programme is.
+
+A layout is for strangers: ranges of consecutive indices with a name, a time step, points Z and
+components, each with the factor that brings it to SI units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from ..assembly import Block
+from ..separable import Programme
+from ..terms import squared_direction, squared_held_direction
+from ..transcription import Window
+
+ABOUT = (
+    "Minimise f(x) subject to lower <= x <= upper and lower <= g(x) <= upper. Ranges of x, g and p "
+    "start at the index `first`, from 0; the last of their axes are `components`. An unknown or a "
+    "row times the `scale` of its component is in the component's `unit`. Steps count from 1; "
+    "step 0 is the known trunk before the motion. All bounds, and x to start from, are in "
+    "unknowns.csv (lower, upper, start) and rows.csv (lower, upper), a line for each. The "
+    "argument p of the functions is a change of the parameters, 0 if left out; their own values, "
+    "in SI units unless said otherwise, are in parameters.csv."
+)
+AXES = ("X", "Y", "Z")
+Component = tuple[str, str, float]  # name, unit, scale
+
+
+@dataclass(frozen=True)
+class Range:
+    """Consecutive indices: `shape` are its axes before that of the components."""
+
+    name: str
+    step: int
+    first: int
+    components: str | tuple[str, ...]
+    shape: tuple[int, ...] = ()
+    Z: str | float | None = None
+
+    def entry(self) -> dict[str, Any]:
+        """For the file, without what does not apply."""
+        entry: dict[str, Any] = {"name": self.name, "step": self.step, "first": self.first}
+        if self.shape:
+            entry["shape"] = list(self.shape)
+        if self.Z is not None:
+            entry["Z"] = self.Z
+        kept = self.components if isinstance(self.components, str) else list(self.components)
+        return entry | {"components": kept}
+
+
+def layout(window: Window, name: str) -> dict[str, Any]:
+    """Layout of a window's programme, as JSON has it."""
+    variables, rows = window.programme.size
+    kinds = components(window)
+    return {
+        "about": ABOUT,
+        "motion": name,
+        "steps": [step.time for step in window.steps],
+        "units": {
+            "length, m": window.length,
+            "moment, N m": window.moment,
+            "force, N": window.force,
+        },
+        "sizes": {"x": variables, "g": rows, "p": window.parameters.size},
+        "components": {
+            kind: [{"name": name, "unit": unit, "scale": scale} for name, unit, scale in parts]
+            for kind, parts in kinds.items()
+        },
+        "Z": {
+            "element edges": list(window.mesh.edges),
+            "ends of elements": list(window.mesh.edges[1:]),
+            "Gauss points": window.mesh.points.ravel().tolist(),
+        },
+        "x": [part.entry() for part in unknown_ranges(window)],
+        "g": [part.entry() for part in row_ranges(window)],
+        "p": list(_parameters(window)),
+    }
+
+
+def components(window: Window) -> dict[str, list[Component]]:
+    """Components that ranges refer to, with units and scales."""
+    L, moment, force = window.length, window.moment, window.force
+    q = [(f"q{i}", "1", 1.0) for i in range(4)]
+    r = [(axis, "m", L) for axis in AXES]
+    return {
+        "activations": [(name, "1", 1.0) for name in window.motion.trunk.muscles],
+        "head angles": [("psi_Z", "rad", 1.0), ("psi_Y", "rad", 1.0)],
+        "strains": [("zeta_hat", "1", 1.0), *((f"c{i}", "1/m", 1 / L) for i in (1, 2, 3))],
+        "extension": [("mean zeta_hat", "1", 1.0)],
+        "force": [(axis, "N", force) for axis in AXES],
+        "state": [*q, *((f"m{i}", "N m", moment) for i in (1, 2, 3))],
+        "orientation": q,
+        "position": r,
+        "pose": [*r, *q],
+        "direction": [(axis, "1", 1.0) for axis in AXES],
+    }
+
+
+def unknown_ranges(window: Window) -> list[Range]:
+    """Every unknown, once, in order."""
+    muscles = len(window.motion.trunk.muscles)
+    before = int(window.previous[0])
+    parts = [
+        Range("known activations before", window.offset, before, "activations"),
+        Range("known head angles before", window.offset, before + muscles, "head angles"),
+    ]
+    E, d = window.mesh.elements, window.mesh.degree
+    for step, u in enumerate(window.unknowns, window.offset + 1):
+        x = int(u.x[0])
+        parts += [
+            Range("activation", step, x, "activations"),
+            Range("head angle", step, x + muscles, "head angles"),
+            Range("strain of a segment", step, int(u.strain[0, 0]), "strains", (len(u.strain),)),
+            Range("mean extension", step, int(u.mean[0]), "extension"),
+            Range("tip force", step, int(u.tip_force[0]), "force"),
+            Range("rod", step, int(u.edges[0, 0]), "state", (E + 1,), "element edges"),
+            Range("rod", step, int(u.inner[0, 0, 0]), "state", (E * d,), "Gauss points"),
+            Range("centerline", step, int(u.line[0, 0]), "position", (E + 1,), "element edges"),
+        ]
+        edges = set(u.line[:, 0].tolist())
+        for Z, (q, r) in u.points.items():
+            if int(r[0]) not in edges:
+                parts.append(Range("frame at a target", step, int(q[0]), "orientation", (), Z))
+                parts.append(Range("position at a target", step, int(r[0]), "position", (), Z))
+    for held, D in window.held.items():
+        name = f"held director d{held.director + 1}"
+        parts.append(Range(name, held.step + 1, int(D[0]), "direction", (), held.Z))
+    return sorted(parts, key=lambda part: part.first)
+
+
+ROWS = {
+    "strain": "strains",
+    "mean extension": "extension",
+    "base": "pose",
+    "rod": "state",
+    "continuity": "state",
+    "centerline": "position",
+    "frame at a target": "orientation",
+    "position at a target": "position",
+    "held direction": "direction",
+    "pull": "force",
+}
+"""Components of each block of constraints but bounds on change, which name theirs."""
+
+
+def row_ranges(window: Window) -> list[Range]:
+    """Every constraint row, once, in order."""
+    return sorted((_row_range(window, b) for b in window.blocks), key=lambda part: part.first)
+
+
+def _row_range(window: Window, block: Block) -> Range:
+    step = window.offset if block.step is None else block.step
+    kind: str | tuple[str, ...]
+    if block.name == "change":
+        names = [*window.motion.trunk.muscles, "psi_Z", "psi_Y"]
+        limited = window.steps[step - window.offset].change.limited
+        kind = tuple(names[i] for i in limited)
+    else:
+        kind = ROWS[block.name]
+    Z: str | float | None = None
+    if block.Z is not None:
+        Z = {0: None, 1: "ends of elements", 2: "Gauss points"}[block.Z.ndim] or float(block.Z)
+    count = int(np.prod(block.rows.shape[:-1]))
+    shape = (count,) if block.rows.ndim > 1 else ()
+    return Range(block.name, step + 1, int(block.rows.min()) - 1, kind, shape, Z)
+
+
+GOAL = ["X", "Y", "Z", "weight"]
+PARAMETERS = {
+    "rates": [
+        "taper f",
+        *(f"stiffness K{i} (N, N m^2)" for i in range(4)),
+        *(f"force on the section but the tip force, {axis}, N" for axis in AXES),
+        *(f"couple density, {axis}, N" for axis in AXES),
+    ],
+    "scaled_vector": ["minus the pull, in units of force"],
+    "squared_distance": [f"target position {name}" for name in GOAL[:3]] + GOAL[3:],
+    "squared_direction": [f"target direction {name}" for name in GOAL[:3]] + GOAL[3:],
+    "squared_held_direction": ["weight"],
+    "square": ["weight of effort"],
+    "squared_change": ["weight of rate, over the step's duration in s"],
+}
+"""Parameters of one place of each term that has some."""
+
+
+def _parameters(window: Window) -> Iterator[dict[str, Any]]:
+    """Where the parameters of each term are: places one after the other."""
+    programme, first = window.programme, 0
+    step, Z = _whereabouts(window)
+    for term, steps in zip(programme.terms, _steps(programme, window, step), strict=True):
+        count = term.parameters.shape[0]
+        if count == 0:
+            continue
+        name = term.function.name()
+        entry: dict[str, Any] = {"name": name, "first": first, "shape": [term.places]}
+        director = _director(term.function)
+        if director is not None:
+            entry["director"] = director
+        if name in ("squared_distance", "squared_direction", "squared_held_direction"):
+            entry["Z"] = Z[term.variables[0]].tolist()
+        if name == "rates":
+            entry["Z"] = "Gauss points, step by step"
+        runs = ((int(known), len(list(run))) for known, run in groupby(steps.tolist()))
+        entry["steps"] = [{"step": known, "places": length} for known, length in runs]
+        yield entry | {"components": PARAMETERS[name]}
+        first += term.parameters.size
+
+
+def _director(function: Any) -> int | None:
+    """Which director, from 1, a direction's term is about."""
+    for make in (squared_direction, squared_held_direction):
+        for j in range(3):
+            if function.__hash__() == make(j).__hash__():
+                return j + 1
+    return None
+
+
+def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Time step of each unknown, from 1, and its Z; NaN where it has none."""
+    count, kinds = window.programme.size[0], components(window)
+    step, Z = np.zeros(count, int), np.full(count, np.nan)
+    lists = {
+        "element edges": np.array(window.mesh.edges),
+        "Gauss points": window.mesh.points.ravel(),
+    }
+    for part in unknown_ranges(window):
+        width = len(kinds[str(part.components)])
+        where = slice(part.first, part.first + width * int(np.prod(part.shape)))
+        step[where] = part.step
+        if part.Z is not None:
+            Z[where] = np.repeat(lists[part.Z] if isinstance(part.Z, str) else part.Z, width)
+    return step, Z
+
+
+def _steps(programme: Programme, window: Window, step: np.ndarray) -> Iterator[np.ndarray]:
+    """Time step of each place of each term: the last one that it, or its rows, belong to."""
+    of_row = np.zeros(1 + programme.size[1], int)  # row 0 is the objective
+    for block in window.blocks:
+        of_row[block.rows] = 1 + (window.offset if block.step is None else block.step)
+    for term in programme.terms:
+        scatter = term.scatter.tocoo()
+        own = step[term.variables].max(axis=0)
+        np.maximum.at(own, scatter.col // term.function.size1_out(0), of_row[scatter.row])
+        yield own
