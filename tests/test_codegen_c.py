@@ -9,7 +9,6 @@ import exported
 import numpy as np
 import pytest
 
-from trunk_ocp.codegen import c as c_export
 from trunk_ocp.codegen.c import STRICT, check_c, write_c
 from trunk_ocp.codegen.model import build_model, reference
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
@@ -340,12 +339,12 @@ def test_a_check_file_with_a_wrong_number_is_found_out(folder, tmp_path):
 def test_sources_that_do_not_compile_are_told(folder, tmp_path):
     exported.export(tmp_path, write_c(exported.request()))
     (tmp_path / "trunk.c").write_text("int trunk(void) { return }\n")
-    with pytest.raises(CheckError, match="does not compile"):
+    with pytest.raises(CheckError, match="error:"):
         check_c(tmp_path)
 
 
-def test_a_missing_compiler_names_the_line_that_installs_one(folder, monkeypatch):
-    monkeypatch.setattr(c_export, "COMPILER", "no-such-compiler")
+def test_a_missing_compiler_names_the_line_that_installs_one(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ToolMissingError, match="apt-get install gcc"):
         check_c(folder)
 

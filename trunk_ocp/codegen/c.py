@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import tempfile
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -22,11 +20,11 @@ from ..activation import stiffness
 from ..errors import TrunkError
 from ..rotations import directors, product
 from .model import DEGREE, Model
-from .request import CheckError, Request, ToolMissingError
+from .request import Request
+from .running import in_a_copy, run, tool
 from .space_rod import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
 from .texts import header, template
 
-COMPILER = "cc"
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 
 
@@ -57,22 +55,11 @@ def check_c(folder: Path) -> str:
     CheckError
         If the program does not compile, or its numbers are not those of the check files.
     """
-    with tempfile.TemporaryDirectory() as build:
-        program = Path(build) / "check"
-        sources = [str(folder / name) for name in ("trunk.c", "check.c")]
-        command = [COMPILER, *STRICT, "-O2", *sources, "-o", str(program), "-lm"]
-        try:
-            compiled = subprocess.run(command, capture_output=True, text=True)
-        except FileNotFoundError:
-            raise ToolMissingError(
-                f"{COMPILER}: no C compiler found. Install one with: sudo apt-get install gcc"
-            ) from None
-        if compiled.returncode:
-            raise CheckError(f"{folder}: the C export does not compile.\n{compiled.stderr}")
-        ran = subprocess.run([str(program), str(folder)], capture_output=True, text=True)
-    if ran.returncode:
-        raise CheckError(f"{folder}: the C export disagrees.\n{ran.stdout}{ran.stderr}")
-    return ran.stdout
+    compiler = tool("cc", "a C compiler", "apt-get install gcc")
+    with in_a_copy(folder) as copy:
+        sources = ["trunk.c", "check.c", "-lm", "-o", "check"]
+        run([compiler, *STRICT, "-O2", *sources], copy)
+        return run([str(copy / "check")], copy)
 
 
 def _template(name: str) -> str:

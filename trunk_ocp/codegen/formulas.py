@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from importlib import import_module, util
@@ -23,6 +22,7 @@ from ..errors import InputError
 from ..rotations import directors
 from ..unloaded import unloaded_states
 from .request import CheckError, Request, ToolMissingError
+from .running import run
 from .texts import template
 
 if TYPE_CHECKING:
@@ -37,7 +37,6 @@ LATEX = {
     "lualatex": ("-interaction=nonstopmode", "-halt-on-error"),
     "tectonic": ("--keep-logs",),
 }
-SECONDS = 300  # a check may take; seconds are usual
 
 
 def write_sympy(request: Request) -> dict[str, str | bytes]:
@@ -73,7 +72,7 @@ def check_sympy(folder: Path) -> str:
     """
     if util.find_spec("sympy") is None:
         raise ToolMissingError(SYMPY_MISSING)
-    return _run([sys.executable, "-B", "check_formulas.py"], folder)
+    return run([sys.executable, "-B", "check_formulas.py"], folder)
 
 
 def check_latex(folder: Path) -> str:
@@ -88,24 +87,12 @@ def check_latex(folder: Path) -> str:
         raise ToolMissingError(LATEX_MISSING)
     with tempfile.TemporaryDirectory() as scratch:
         shutil.copy(folder / "trunk_formulas.tex", scratch)
-        _run([name, *LATEX[name], "trunk_formulas.tex"], Path(scratch))
+        run([name, *LATEX[name], "trunk_formulas.tex"], Path(scratch))
         log = Path(scratch, "trunk_formulas.log").read_text(errors="replace")
     wide = re.findall(r"^Overfull.*$", log, re.MULTILINE)
     if wide:
         raise CheckError(f"trunk_formulas.tex: {wide[0]}")
     return f"formulas compile with {name}"
-
-
-def _run(command: list[str], folder: Path) -> str:
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=SECONDS
-        )
-    except subprocess.TimeoutExpired:
-        raise CheckError(f"{command[0]}: not done after {SECONDS} s") from None
-    if done.returncode:
-        raise CheckError((done.stdout + done.stderr)[-4000:].strip())
-    return done.stdout.strip()
 
 
 def _text() -> ModuleType:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 from ..python_source import python_source
 from . import space_rod
 from .model import OUTPUTS, Model
-from .request import CheckError, Request
+from .request import Request
+from .running import run
 from .texts import header, template
 
 NAME = "trunk_numpy.py"
@@ -61,12 +61,7 @@ def check_text(world: str) -> str:
 
 def run_check(folder: Path) -> str:
     """Run check.py in its folder with this Python; what it printed, or CheckError."""
-    done = subprocess.run(
-        [sys.executable, CHECK], cwd=folder, capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        raise CheckError((done.stdout + done.stderr).strip())
-    return done.stdout
+    return run([sys.executable, CHECK], folder)
 
 
 def _own(text: str) -> str:

@@ -22,7 +22,6 @@ import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 
 import casadi as ca
@@ -35,6 +34,7 @@ from ..transcription import Window
 from .programme_layout import layout
 from .request import Request
 from .running import build_mex, in_a_copy, run, run_octave, tool
+from .texts import template
 
 CHECK = "programme_check.csv"
 ROOM = 0.05
@@ -194,7 +194,7 @@ def _c_files(exported: Exported) -> dict[str, str | bytes]:
 
 def _template(name: str, exported: Exported) -> str:
     """A fixed file, with what differs from programme to programme filled in."""
-    text = (files("trunk_ocp") / "codegen" / "templates" / "programme" / name).read_text()
+    text = template(f"programme/{name}")
     window = exported.window
     known = {
         "NAME": re.sub(r"[^\w .,-]", " ", exported.name),  # it goes into comments

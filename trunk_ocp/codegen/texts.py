@@ -1,18 +1,14 @@
-"""Texts that exports share: the header that tells what an export is, templates, and running it."""
+"""Texts that exports share: the header that tells what an export is, and templates."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 from ..provenance import versions
 from .model import OUTPUTS
-from .request import CheckError, Request, ToolMissingError
+from .request import Request
 
 TEMPLATES = Path(__file__).parent / "templates"
-LONGEST_CHECK = 600  # s
 
 _PARTS = {
     "activation": "of the muscles in their order; negative values contract",
@@ -66,44 +62,3 @@ def _wrapped(start: str, words: list[str]) -> list[str]:
             lines.append("  ")
         lines[-1] += word + " "
     return lines
-
-
-def commented(text: str, mark: str) -> str:
-    """Lines of text as comments that start with a mark."""
-    return "".join(f"{mark} {line}".rstrip() + "\n" for line in text.splitlines())
-
-
-def run_python(folder: Path, needs: tuple[str, ...], install: str, check: str = "check.py") -> str:
-    """What the check of a folder prints, run by this Python in a process of its own.
-
-    Raises
-    ------
-    ToolMissingError
-        If a package that it needs is not installed; says the line that installs it.
-    CheckError
-        If it ends with anything but success.
-    """
-    for package in needs:
-        if find_spec(package) is None:
-            raise ToolMissingError(f"{check} needs {package}, which is not installed: {install}")
-    return run([sys.executable, check], folder)
-
-
-def run(command: list[str], folder: Path) -> str:
-    """What a command prints, in a folder.
-
-    Raises
-    ------
-    CheckError
-        If it ends with anything but success, or not within ten minutes.
-    """
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=LONGEST_CHECK, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise CheckError(f"{' '.join(command)}: no answer after {LONGEST_CHECK} s.") from None
-    if done.returncode:
-        told = (done.stdout + done.stderr).strip()
-        raise CheckError(f"{' '.join(command)} ended with {done.returncode}:\n{told}")
-    return done.stdout
