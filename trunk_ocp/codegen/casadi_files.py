@@ -8,8 +8,9 @@ from pathlib import Path
 import casadi as ca
 
 from . import casadi_function
+from .numpy_module import CHECK, check_text, run_check
 from .request import Request
-from .texts import header, run_python, template
+from .texts import header, template
 
 
 def functions(request: Request) -> dict[str, ca.Function]:
@@ -29,15 +30,20 @@ def write_casadi(request: Request) -> dict[str, str | bytes]:
     files: dict[str, str | bytes] = {
         f"{name}.casadi": _saved(function) for name, function in functions(request).items()
     }
-    files["check.py"] = template("casadi/check.py")
-    files["compare.py"] = template("python/compare.py")
+    files[CHECK] = check_text("casadi")
     files["README.txt"] = header(request) + template("casadi/README.txt")
     return files
 
 
 def check_casadi(folder: Path) -> str:
-    """Run the check in a process of its own; see `run_python`."""
-    return run_python(folder, ("casadi",), "pip install casadi")
+    """What the export's own check prints.
+
+    Raises
+    ------
+    CheckError
+        If the functions do not give the numbers of the check files.
+    """
+    return run_check(folder)
 
 
 def _saved(function: ca.Function) -> bytes:

@@ -11,11 +11,11 @@ import re
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
-from importlib.resources import files
 
 from ..anatomy import Muscle, Trunk
 from . import closed_forms as forms
 from .notation import SCALARS, Formula, tex
+from .texts import template
 
 LONG = 260
 """Characters of LaTeX in one row; a longer sum is broken."""
@@ -91,7 +91,7 @@ def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
         "slopes": _assignments(forms.spiral_slopes()),
         "straight": _assignments([*stretched, *forms.straight_slopes(tapered)]),
     }
-    return _fill(template("trunk_formulas.py.txt"), words)
+    return _fill(template("formulas/trunk_formulas.py.txt"), words)
 
 
 def _assignments(formulas: Iterable[Formula], indent: int = 4) -> str:
@@ -145,7 +145,7 @@ def latex_page(trunk: Trunk, muscle: Muscle) -> str:
         "rest": _rest(trunk, muscle),
     }
     words |= {name: _escaped(words[name]) for name in ("muscle", "anatomy")}
-    return _fill(template("trunk_formulas.tex"), words)
+    return _fill(template("formulas/trunk_formulas.tex"), words)
 
 
 def _equation(formula: Formula, equals: str = "=") -> str:
@@ -258,11 +258,6 @@ def _words(trunk: Trunk, muscle: Muscle) -> dict[str, str]:
         "side": {"R": "right", "L": "left"}[muscle.side],
         "segment": str(muscle.segment + 1),
     }
-
-
-def template(name: str) -> str:
-    """Text of a file in `templates`."""
-    return (files(__package__) / "templates" / name).read_text(encoding="utf-8")
 
 
 def _fill(text: str, words: dict[str, str]) -> str:

@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..rotations import directors
 from ..unloaded import unloaded_states
 from .request import CheckError, Request, ToolMissingError
+from .texts import template
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -52,7 +53,7 @@ def write_sympy(request: Request) -> dict[str, str | bytes]:
     trunk, muscle, text = request.model.trunk, _muscle(request), _text()
     return {
         "trunk_formulas.py": text.sympy_module(trunk, muscle),
-        "check_formulas.py": text.template("check_formulas.py"),
+        "check_formulas.py": template("formulas/check_formulas.py"),
         "check_formulas.csv": _check_rows(trunk, muscle),
     }
 

@@ -6,8 +6,6 @@ import re
 import subprocess
 import sys
 from dataclasses import fields
-from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 
 import casadi as ca
@@ -17,6 +15,7 @@ from ..python_source import python_source
 from . import space_rod
 from .model import OUTPUTS, Model
 from .request import CheckError, Request
+from .texts import header, template
 
 NAME = "trunk_numpy.py"
 CHECK = "check.py"
@@ -45,54 +44,19 @@ def check_numpy(folder: Path) -> str:
 def module_text(request: Request) -> str:
     """Source of trunk_numpy.py: how to call it, numbers, the fixed driver, kernels."""
     parts = ["driver", "unloaded", *(["second"] if request.second else [])]
-    texts = [_own(template(name)) for name in parts]
-    start = template("driver").split("# <cut>")[0].replace("<about>", about(request.model))
-    start = start.replace("<what>", request.name)
+    texts = [_own(template(f"python/{name}.py")) for name in parts]
+    start = template("python/driver.py").split("# <cut>")[0].replace("<about>\n", header(request))
     kernels = [_kernel_text(kernel) for kernel in _kernels(request)]
     numbers = _numbers(request.model)
     return "\n\n".join([start.strip(), numbers, *texts, *kernels]) + "\n"
 
 
-def about(model: Model) -> str:
-    """Lines that say what x and y are: order, units, points, and who wrote the file."""
-    where = {name: f"{at.start}:{at.stop}" for name, at in model.layout.inputs.items()}
-    lines = [
-        f"Written by trunk_ocp {version('trunk_ocp')} for <what>.",
-        "",
-        f"    x ({model.layout.size}), the inputs:",
-        f"        {where['activation']:7} activation of MUSCLES, negative contracts",
-        f"        {where['head']:7} head angles psi_Z, psi_Y in rad",
-        f"        {where['gravity']:7} gravity in m/s^2, along +Z (down)",
-        f"        {where['tip_force']:7} tip force in N, space axes",
-    ]
-    if model.layout.contact:
-        lines += [
-            f"        {where['contact_force']:7} contact force in N, space axes, spread over",
-            f"                Z >= {model.loads.contact_from:g} m",
-            f"        {where['contact_couple']:7} contact couple in N m, spread alike",
-        ]
-    lines += [
-        "    y (n, 19), for each of the n points Z:",
-        "        0:3     position in m, space axes",
-        "        3:12    directors d_1, d_2, d_3 in space axes",
-        "        12:16   strain: extension zeta, and curvature u_1, u_2, u_3 in 1/m",
-        "        16:19   internal moment in N m, in the directors",
-        "    Unloaded shapes depend on x[:head end] alone and have no moment: y (n, 16).",
-        f"    Z in m: {', '.join(f'{Z:g}' for Z in model.Z)}",
-    ]
-    return "\n".join(lines).replace("head end", str(model.layout.controls))
-
-
-def template(name: str) -> str:
-    """Fixed text of the export, as it is in templates/python."""
-    folder = files("trunk_ocp.codegen").joinpath("templates", "python")
-    return folder.joinpath(f"{name}.py").read_text(encoding="utf-8")
-
-
 def check_text(world: str) -> str:
     """Source of check.py for one of the ways that templates/python/check_*.py know."""
-    before, after = re.split(r"# <world>.*?# </world>\n", template("check"), flags=re.DOTALL)
-    return f"{before}{_own(template(f'check_{world}'))}\n{after}"
+    before, after = re.split(
+        r"# <world>.*?# </world>\n", template("python/check.py"), flags=re.DOTALL
+    )
+    return f"{before}{_own(template(f'python/check_{world}.py'))}\n{after}"
 
 
 def run_check(folder: Path) -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from .numpy_module import CHECK, check_text, module_text, run_check, template
+from .numpy_module import CHECK, check_text, module_text, run_check
 from .numpy_module import NAME as NUMPY
 from .request import Request, ToolMissingError
+from .texts import template
 
 NAME = "trunk_torch.py"
 
@@ -15,7 +16,7 @@ NAME = "trunk_torch.py"
 def write_torch(request: Request) -> dict[str, str | bytes]:
     """Files of the export: wrapper, the NumPy module it wraps, and a program that checks it."""
     return {
-        NAME: template("torch_wrapper"),
+        NAME: template("python/torch_wrapper.py"),
         NUMPY: module_text(request),
         CHECK: check_text("torch"),
     }
