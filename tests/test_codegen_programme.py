@@ -1,6 +1,7 @@
 """The exported programme is the planner's: its values, its derivatives, its names, its optimum."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from trunk_ocp import Loads, solve_statics
 from trunk_ocp.codegen import programme
 from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
+from trunk_ocp.codegen.running import build_mex, run_octave
 from trunk_ocp.errors import InputError
 from trunk_ocp.planner import plan_motion
 
@@ -167,6 +169,24 @@ def test_a_name_cannot_end_a_comment(tmp_path):
     assert "int main" in (head := programme.write_programme_c(odd)["programme.c"][:80])
     assert "*/" not in head
     assert "\\" not in head
+
+
+# --- in Octave -----------------------------------------------------------------------------
+
+
+def test_the_gateway_says_what_is_wrong_with_a_call(tmp_path):
+    folder = saved(exported("mex"), tmp_path / "mex")
+    build_mex(folder, "programme", ["programme_mex.c", "programme.c", "programme_data.c"])
+    assert "unknowns" in run_octave(folder, "programme_example")
+    for call, fault in {
+        "programme()": "expected a name first",
+        "programme('nlp_h', 1)": "no such function",
+        "programme('nlp_f')": "expected 1 to 2 inputs",
+        "programme('nlp_f', [1 2 3])": "nlp_f: expected x as",
+        "programme('pattern', 'nlp_f')": "no such function",
+    }.items():
+        with pytest.raises(CheckError, match=re.escape(fault)):
+            run_octave(folder, call)
 
 
 # --- the optimum, from the exported files alone --------------------------------------------

@@ -84,7 +84,7 @@ def build_mex(folder: Path, name: str, sources: Sequence[str]) -> str:
 
 
 def run_octave(folder: Path, script: str) -> str:
-    """Run a script of a folder in Octave, without anybody's settings or history.
+    """Run a script or function of a folder in Octave, without anybody's settings or history.
 
     Raises
     ------
@@ -93,4 +93,4 @@ def run_octave(folder: Path, script: str) -> str:
     """
     octave = tool("octave", "GNU Octave", OCTAVE)
     quiet = ["--no-gui", "--norc", "--quiet", "--no-history"]
-    return run([octave, *quiet, f"{script}.m"], folder, HOME=str(folder))
+    return run([octave, *quiet, "--eval", script], folder, HOME=str(folder))

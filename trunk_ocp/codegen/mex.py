@@ -1,0 +1,35 @@
+"""The shape and its derivatives for MATLAB and Octave: a MEX gateway to the C export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .c import write_c
+from .request import Request
+from .running import build_mex, in_a_copy, run_octave
+from .texts import commented, header, template
+
+
+def write_mex(request: Request) -> dict[str, str | bytes]:
+    """Files of the export: the C export's source, its gateway, help, an example and a check."""
+    source = write_c(request)
+    files: dict[str, str | bytes] = {name: source[name] for name in ("trunk.c", "trunk.h")}
+    for name in ("trunk_shape.c", "trunk_shape.m", "trunk_example.m", "check.m"):
+        files[name] = template(f"mex/{name}")
+    about = template("mex/trunk_shape.m").replace("@HEADER@", commented(header(request), "%"))
+    return files | {"trunk_shape.m": about}
+
+
+def check_mex(folder: Path) -> str:
+    """Compile an export with Octave's compiler and run its check; returns what that printed.
+
+    Raises
+    ------
+    ToolMissingError
+        If Octave or its compiler is not installed.
+    CheckError
+        If it does not compile, or its numbers are not those of the check files.
+    """
+    with in_a_copy(folder) as copy:
+        build_mex(copy, "trunk_shape", ["trunk_shape.c", "trunk.c"])
+        return run_octave(copy, "check")
