@@ -62,3 +62,8 @@ def _wrapped(start: str, words: list[str]) -> list[str]:
             lines.append("  ")
         lines[-1] += word + " "
     return lines
+
+
+def commented(text: str, mark: str) -> str:
+    """Lines of text as comments that start with a mark."""
+    return "".join(f"{mark} {line}".rstrip() + "\n" for line in text.splitlines())
