@@ -35,9 +35,10 @@ class Compiled:
         self.c.trunk_work_size.restype = ctypes.c_size_t
         self.c.trunk_message.restype = ctypes.c_char_p
         header = (folder / "trunk.h").read_text()
-        self.points = int(re.search(r"#define TRUNK_POINTS (\d+)", header)[1])
-        size = int(re.search(r"#define TRUNK_INPUTS (\d+)", header)[1])
+        self.points, size = (self._size(header, name) for name in ("POINTS", "INPUTS"))
         self.rest = np.array((ctypes.c_double * size).in_dll(self.c, "trunk_default_input"))
+        names = (ctypes.c_char_p * size).in_dll(self.c, "trunk_input_names")
+        self.muscles = [name.decode() for name in names[: self._size(header, "MUSCLES")]]
         self.work = ctypes.create_string_buffer(self.c.trunk_work_size())
         self.c.trunk_reset(self.work)
         self.y = np.zeros((self.points, OUTPUTS))
@@ -52,6 +53,10 @@ class Compiled:
         """Derivatives of the last shape by x, (points, 19, inputs)."""
         self._call(self.c.trunk_jacobian, self.work, _pointer(self.J))
         return self.J
+
+    @staticmethod
+    def _size(header: str, name: str) -> int:
+        return int(re.search(rf"#define TRUNK_{name} (\d+)", header)[1])
 
     def _call(self, function: ctypes._CFuncPtr, *arguments: object) -> None:
         status = function(*arguments)
@@ -71,7 +76,7 @@ class Interpreted:
         self.module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(self.module)
         self.rest = self.module.pack(np.zeros(len(self.module.MUSCLES)))
-        self.points = len(self.module.Z)
+        self.muscles = [*self.module.MUSCLES]
         self.x = self.rest
 
     def shape(self, x: np.ndarray) -> np.ndarray:

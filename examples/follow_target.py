@@ -15,12 +15,13 @@ import argparse
 import time
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from exported import Compiled, Interpreted, make
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import lsq_linear
-
-matplotlib.use("Agg")
 
 POINTS = [0.0, 0.35, 0.7, 1.05, 1.4, 1.75]  # m; the last is the tip
 TICK = 0.01  # s
@@ -30,8 +31,8 @@ GAIN = 8.0  # 1/s, with which an error of the tip decays
 FRUIT = 1.5 * 9.8  # N
 STRONGEST, FASTEST = 0.8, 2.0  # contraction, and its change in 1/s
 HEAD, TURN = np.deg2rad([15.0, 30.0]), 0.5  # head angles' bounds in rad, their rate in rad/s
-EFFORT, RATE = 2e-3, 2e-2  # weights beside the tip's error in m
-EXTENSION = (0.67, 1.35)  # of every segment: the paper's bounds
+EFFORT, HEAD_EFFORT, RATE = 2e-3, 2e-2, 2e-2  # weights beside the tip's error in m
+GROUPS = {"dl": "#0072B2", "ovo": "#D55E00", "ivo": "#E69F00", "dr": "#009E73", "vr": "#CC79A7"}
 
 
 def fruit(t: float) -> np.ndarray:
@@ -53,8 +54,9 @@ def change(J: np.ndarray, move: np.ndarray, x: np.ndarray) -> np.ndarray:
     Least squares: the tip's error; effort, which chooses among the many ways there; the change.
     """
     n = x.size
-    rows = np.vstack([J, EFFORT * np.eye(n), RATE * np.eye(n)])
-    right = np.concatenate([move, -EFFORT * x, np.zeros(n)])
+    effort = np.append(np.full(n - 2, EFFORT), [HEAD_EFFORT, HEAD_EFFORT])
+    rows = np.vstack([J, np.diag(effort), RATE * np.eye(n)])
+    right = np.concatenate([move, -effort * x, np.zeros(n)])
     limit = np.append(np.full(n - 2, STRONGEST), HEAD)
     rate = TICK * np.append(np.full(n - 2, FASTEST), [TURN, TURN])
     upper = np.append(np.zeros(n - 2), HEAD)  # muscles contract; they do not push
@@ -79,7 +81,7 @@ def follow(model, plant) -> dict[str, np.ndarray]:
         move = ahead + GAIN * TICK * (wanted(t, start) - seen[-1, :3])
         x[:n] += change(J, move, x[:n])
         took = 1e3 * (time.perf_counter() - began)
-        values = (t, seen[-1, :3], wanted(t, start), x[:n].copy(), took, seen[:, :3], seen[:, 12])
+        values = (t, seen[-1, :3], wanted(t, start), x[:n].copy(), took, seen[:, :13], seen[:, 12])
         for name, value in zip(log, values, strict=True):
             log[name].append(value)
     return {name: np.array(values) for name, values in log.items()}
@@ -103,37 +105,53 @@ def report(log: dict[str, np.ndarray]) -> str:
     )
 
 
-def draw(log: dict[str, np.ndarray], path: Path) -> None:
-    """Side view and front view of the trunk and its target; error, activations, ticks."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
-    panels = figure.subplot_mosaic([["side", "front", "error"], ["side", "front", "activation"]])
-    shown = np.linspace(0, len(log["time"]) - 1, 9).astype(int)
-    for name, axis, label in (("side", 0, "X (m)"), ("front", 1, "Y (m)")):
-        axes = panels[name]
-        for i, tick in enumerate(shown):
-            line, shade = log["line"][tick], str(0.75 - 0.6 * i / (len(shown) - 1))
-            axes.plot(line[:, axis], line[:, 2], "-o", color=shade, markersize=2, linewidth=1.2)
-        target = np.array([fruit(t) for t in log["time"]])
-        axes.plot(target[:, axis], target[:, 2], color="#E69F00", linewidth=1, label="fruit")
-        axes.plot(log["tip"][:, axis], log["tip"][:, 2], ":", color="#0072B2", label="tip")
-        axes.set(xlabel=label, ylabel="Z (m), down", aspect="equal")
-        axes.invert_yaxis()
-    panels["side"].legend(frameon=False, fontsize=8, loc="lower left")
-    panels["side"].set_title("from the side; darker is later", fontsize=9)
-    panels["front"].set_title("from the front", fontsize=9)
-    error = 1e3 * np.linalg.norm(log["tip"] - log["wanted"], axis=1)
-    panels["error"].semilogy(log["time"], error, color="#0072B2", linewidth=1)
-    panels["error"].set(ylabel="tip to where it should be (mm)")
-    panels["error"].set_title(
-        f"{1 / TICK:g} Hz; a tick takes {np.median(log['ms']):.2f} ms", fontsize=9
+def draw(log: dict[str, np.ndarray], muscles: list[str], path: Path) -> None:
+    """Side view and front view of the trunk and its target; error and activations over time."""
+    figure = Figure(figsize=(9.0, 5.4), layout="constrained")
+    panels = figure.subplot_mosaic(
+        [["side", "front", "error"], ["side", "front", "activation"]], width_ratios=[1.1, 0.9, 1.4]
     )
-    panels["activation"].plot(log["time"], log["x"][:, :-2], linewidth=0.8)
-    panels["activation"].set(xlabel="time (s)", ylabel="activations of 28 muscles")
+    _views(panels["side"], panels["front"], log)
+    there = log["time"] >= REACH
+    error = 1e3 * np.linalg.norm(log["tip"] - log["wanted"], axis=1)
+    panels["error"].plot(log["time"][there], error[there], color="#0072B2", linewidth=1)
+    panels["error"].set(ylim=(0, None), xlim=(0, END), ylabel="tip to fruit (mm)")
+    panels["error"].set_title(
+        f"{1 / TICK:g} ticks a second; one takes {np.median(log['ms']):.2g} ms", fontsize=9
+    )
+    for muscle, values in zip(muscles, log["x"].T, strict=False):
+        style = {"color": GROUPS[muscle[3:]], "linestyle": "-" if muscle[0] == "R" else ":"}
+        panels["activation"].plot(log["time"], values, linewidth=0.8, **style)
+    keys = [Line2D([], [], color=colour, label=group) for group, colour in GROUPS.items()]
+    panels["activation"].legend(handles=keys, frameon=False, fontsize=7, ncols=5, loc="lower left")
+    panels["activation"].set(xlabel="time (s)", ylabel="activation; right solid, left dotted")
+    panels["activation"].set_ylim(1.2 * log["x"][:, :-2].min(), 0.01)
     for axes in panels.values():
         axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=110)
+
+
+def _views(side: Axes, front: Axes, log: dict[str, np.ndarray]) -> None:
+    shown = np.linspace(0, len(log["time"]) - 1, 9).astype(int)
+    target = np.array([fruit(t) for t in log["time"]])
+    for axes, axis, label in ((side, 0, "X (m)"), (front, 1, "Y (m)")):
+        for i, tick in enumerate(shown):
+            line, shade = _centerline(log["line"][tick]), str(0.8 - 0.65 * i / (len(shown) - 1))
+            axes.plot(line[:, axis], line[:, 2], color=shade, linewidth=1.4)
+        axes.plot(target[:, axis], target[:, 2], color="#E69F00", linewidth=2, label="fruit")
+        tip = log["tip"]
+        axes.plot(tip[:, axis], tip[:, 2], color="#0072B2", linewidth=0.8, label="tip")
+        axes.set(xlabel=label, ylabel="Z (m)", aspect="equal")
+        axes.invert_yaxis()
+    side.legend(frameon=False, fontsize=8, loc="lower left")
+    side.set_title("from the side; darker is later", fontsize=9)
+    front.set_title("from the front", fontsize=9)
+
+
+def _centerline(points: np.ndarray) -> np.ndarray:
+    """Curve through positions with slopes r' = zeta d_3, as the shape tells them."""
+    slopes = points[:, 12:] * points[:, 9:12]
+    return CubicHermiteSpline(POINTS, points[:, :3], slopes)(np.linspace(0, POINTS[-1], 60))
 
 
 def main() -> None:
@@ -145,9 +163,10 @@ def main() -> None:
     folder = arguments.out / arguments.model
     make(folder, arguments.model, POINTS)
     kind = {"c": Compiled, "numpy": Interpreted}[arguments.model]
-    log = follow(kind(folder), kind(folder))
+    model, plant = kind(folder), kind(folder)
+    log = follow(model, plant)
     print(report(log))
-    draw(log, arguments.out / "follow-target.png")
+    draw(log, model.muscles, arguments.out / "follow-target.png")
     print(f"Figure: {arguments.out / 'follow-target.png'}")
 
 

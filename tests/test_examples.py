@@ -1,0 +1,28 @@
+"""The examples do what they say."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.image
+
+ROOT = Path(__file__).parent.parent
+
+
+def test_a_controller_on_exported_c_keeps_the_tip_at_a_swinging_fruit(tmp_path):
+    """All of it as a user runs it: export, compile, 2000 ticks with a load it does not know."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    command = [sys.executable, str(ROOT / "examples" / "follow_target.py"), "--out", str(tmp_path)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=os.environ | {"PATH": path}, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "2000 ticks of 10 ms" in done.stdout
+    worst = re.search(r"mean square, ([\d.]+) mm at most", done.stdout)[1]
+    assert float(worst) < 4.0  # of a swing of half a metre
+    low, high = re.search(r"segments: (\d\.\d+) to (\d\.\d+)", done.stdout).groups()
+    assert float(low) > 0.67  # the paper's bounds on extension
+    assert float(high) < 1.35
+    assert matplotlib.image.imread(tmp_path / "follow-target.png").std() > 0.05
