@@ -75,8 +75,8 @@ FORMATS = {
     "casadi": Format("CasADi function files", "casadi_files", "casadi", ALL),
     "mex": Format("MATLAB or Octave MEX source", "mex", "mex", ALL),
     "numpy": Format("Python module that needs NumPy only", "numpy_module", "numpy"),
-    "jax": Format("JAX functions with derivatives", "jax_module", "jax", ("jacobian",)),
-    "torch": Format("PyTorch functions with derivatives", "torch_module", "torch", ("jacobian",)),
+    "jax": Format("JAX functions with derivatives", "wrappers", "jax", ("jacobian",)),
+    "torch": Format("PyTorch functions with derivatives", "wrappers", "torch", ("jacobian",)),
     "onnx": Format("ONNX model of unloaded shapes", "onnx_model", "onnx", loaded=False),
     "sympy": Format(
         "formulas of one muscle in SymPy", "formulas", "sympy", ("jacobian",), False, True
