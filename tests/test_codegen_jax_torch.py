@@ -133,12 +133,6 @@ def test_jax_refuses_a_wrong_length(in_jax):
         in_jax.unloaded(jnp.zeros(31))
 
 
-def test_the_jax_export_checks_itself_in_both_precisions(tmp_path):
-    exported.export(tmp_path, write_jax(exported.request(second=True)))
-    exported.write_checks(tmp_path)
-    assert "second single moment" in check_jax(tmp_path)
-
-
 @needs_torch
 def test_torch_knows_derivatives_of_first_and_second_order_in_every_mode(truth, in_torch, x):
     import torch
@@ -205,13 +199,6 @@ def test_torch_without_second_derivatives_says_how_to_get_them(tmp_path, x):
     module = exported.load(exported.export(tmp_path, files), "trunk_torch")
     with pytest.raises(NotImplementedError, match="export again with --second"):
         torch.func.hessian(tip(module))(torch.as_tensor(x[0]))
-
-
-@needs_torch
-def test_the_torch_export_checks_itself_in_both_precisions(tmp_path):
-    exported.export(tmp_path, write_torch(exported.request(second=True)))
-    exported.write_checks(tmp_path)
-    assert "second single moment" in check_torch(tmp_path)
 
 
 @pytest.mark.parametrize(("check", "name"), [(check_jax, "jax"), (check_torch, "torch")])

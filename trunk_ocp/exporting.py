@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from .codegen.formats import FORMATS, check_export, export
+from .codegen.model import FEWEST
 from .codegen.request import CheckError
 from .codegen.subjects import load_subject
 from .command import clean_errors
@@ -51,6 +52,7 @@ class Points(click.ParamType[tuple[float, ...]]):
 )
 @click.option("--second", is_flag=True, help="Also second derivatives, along a direction.")
 @click.option("--contact-from", type=float, metavar="Z", help="Where contact loads start, in m.")
+@click.option("--elements", type=int, default=FEWEST, metavar="N", help="At least N elements.")
 @click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
 @click.option("--single", is_flag=True, help="Single precision (ONNX).")
 @click.option("--check", is_flag=True, help="Run the export in its own world, and compare.")
@@ -62,6 +64,7 @@ def export_model(
     out: Path | None,
     second: bool,
     contact_from: float | None,
+    elements: int,
     muscle: str | None,
     single: bool,
     check: bool,
@@ -89,6 +92,7 @@ def export_model(
                 single=single,
                 muscle=muscle,
                 contact_from=contact_from,
+                elements=elements,
             )
         for path in files:
             console.print(str(path), markup=False, soft_wrap=True)

@@ -14,9 +14,13 @@ import numpy as np
 
 from ..collocation import gauss
 from ..rotations import directors, product
+from ..statics import DEFECT
 from .model import OUTPUTS, Model
 from .space_rod import base, rates, report, spiral, turn
 
+TOO_COARSE = (
+    "The shape bends too sharply for this mesh: reduce the load, or export with --elements."
+)
 POINT = sum(OUTPUTS.values())  # numbers of one point
 
 
@@ -24,7 +28,8 @@ POINT = sum(OUTPUTS.values())  # numbers of one point
 def loaded(model: Model) -> ca.Function:
     """Function x (size) -> y (19 n), equilibrium shape; see `Layout` for both.
 
-    Newton's method starts from the unloaded shape; where it does not converge, evaluation raises.
+    Newton's method starts from the unloaded shape. Where it does not converge, or where the mesh
+    does not resolve the shape as `solve_statics` asks, evaluation raises.
     """
     tables, layout = model.tables, model.layout
     E, d = tables.reach.shape
@@ -58,6 +63,8 @@ def loaded(model: Model) -> ca.Function:
     Q, q, M = ca.vertsplit(solution, [0, 4 * d * E, 4 * d * E + 4 * (E - 1), solution.size1()])
     left = ca.vertcat(ca.horzcat(pose[:4], ca.reshape(q, 4, E - 1)), ca.reshape(M, 3, E))
     _, end, steps = element(left, ca.reshape(Q, 4 * d, E), constants)
+    coarse = ca.fabs(ca.sum1(ca.reshape(Q, 4, d * E) ** 2) - 1)
+    end = end.attachAssert(ca.mmax(coarse) <= DEFECT, TOO_COARSE)
     states = ca.horzcat(left, end[:, -1])
     line = ca.cumsum(ca.horzcat(pose[4:], steps), 1)
     y = _reported(model, states, line, strain, mean, loads)

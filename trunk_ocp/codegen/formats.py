@@ -14,7 +14,7 @@ from ..files import alone, write
 from ..loads import Loads, check_contact
 from ..motion import Motion
 from .cases import check_files, resolved
-from .model import build_model
+from .model import FEWEST, build_model
 from .request import Request
 
 Files = dict[str, str | bytes]
@@ -100,6 +100,7 @@ def export(
     single: bool = False,
     muscle: str | None = None,
     contact_from: float | None = None,
+    elements: int = FEWEST,
 ) -> list[Path]:
     """Write the map from activations, head angles and loads to shape for another program.
 
@@ -124,6 +125,8 @@ def export(
     contact_from : float, optional
         Z in m from which the trunk may touch something, so that contact force and couple are
         inputs. Default: the motion's.
+    elements : int
+        Least number of collocation elements; there are more if the check cases need them.
 
     Returns
     -------
@@ -137,7 +140,7 @@ def export(
     ToolMissingError
         If a package that writes the format is not installed.
     """
-    request = build_request(subject, to, what, at, second, single, muscle, contact_from)
+    request = build_request(subject, to, what, at, second, single, muscle, contact_from, elements)
     files = FORMATS[to].write(request)
     if what != "constraints" and not FORMATS[to].formulas:
         files |= check_files(request, FORMATS[to].loaded)
@@ -168,6 +171,7 @@ def build_request(
     single: bool,
     muscle: str | None,
     contact_from: float | None,
+    elements: int,
 ) -> Request:
     """Checked arguments of `export`."""
     if to not in FORMATS:
@@ -181,7 +185,7 @@ def build_request(
     contact = contact_from if contact_from is not None or not motion else motion.contact_from
     if contact is not None:
         check_contact(trunk, contact)
-    model = build_model(trunk, at, Loads(gravity, contact_from=contact))
+    model = build_model(trunk, at, Loads(gravity, contact_from=contact), elements)
     if FORMATS[to].loaded and what != "constraints":
         model = resolved(model)
     name = motion.name if motion else trunk.name

@@ -24,6 +24,8 @@ from ..statics import solve_statics
 from .space_rod import MOMENTS
 
 DEGREE = 6
+FEWEST, MOST = 6, 100
+"""Elements that may be asked for; jumps and points ask for their own."""
 MOST_POINTS = 64
 """Points Z of one export; a Jacobian has 19 x 40 numbers for each."""
 
@@ -140,7 +142,7 @@ class Model:
     trunk: Trunk
     Z: tuple[float, ...]
     loads: Loads
-    elements: int = 6
+    elements: int = FEWEST
 
     @property
     def layout(self) -> Layout:
@@ -211,14 +213,14 @@ class Model:
 
 
 def build_model(
-    trunk: Trunk, at: Sequence[float] = (), loads: Loads | None = None, elements: int = 6
+    trunk: Trunk, at: Sequence[float] = (), loads: Loads | None = None, elements: int = FEWEST
 ) -> Model:
     """Model of a trunk for points Z `at` in m; the tip if there are none.
 
     Raises
     ------
     InputError
-        For points that are not on the trunk, or too many of them.
+        For points that are not on the trunk, or too many of them; for too few or many elements.
     """
     Z = tuple(sorted({float(point) for point in at})) or (trunk.length,)
     for point in Z:
@@ -232,6 +234,8 @@ def build_model(
             f"--at: {len(Z)} points make {19 * len(Z)} outputs; expected at most {MOST_POINTS} "
             f"points ({19 * MOST_POINTS} outputs). Export twice, or interpolate between them."
         )
+    if not FEWEST <= elements <= MOST:
+        raise InputError(f"--elements {elements}: expected {FEWEST} to {MOST}.")
     return Model(trunk, Z, Loads() if loads is None else loads, elements)
 
 

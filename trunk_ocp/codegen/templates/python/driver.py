@@ -46,17 +46,21 @@ from tables import (
 MOST_STEPS = 30  # of Newton's method
 TOLERANCE = 1e-9  # on its last step; the error after it is about its square
 SMALLEST_LOAD_STEP = 1e-4
+DEFECT = 1e-5  # largest | |q|^2 - 1 | of a shape that the elements resolve: 1e-6 of its length
 AT_ONCE = 128  # shapes, to bound memory
 Q, M, R = slice(0, 4), slice(4, 7), slice(7, 10)  # rows of a state
 
 
 class NoShape(ArithmeticError):  # noqa: N818
-    """No equilibrium was found; `index` says of which shape, `fraction` up to which load."""
+    """No equilibrium was found; `index` says of which shape, `fraction` up to which load.
+
+    With a fraction of 1 there is one, which bends too sharply for the elements of this export.
+    """
 
     def __init__(self, index: tuple[int, ...], fraction: float) -> None:
-        super().__init__(
-            f"shape {index}: no equilibrium beyond {fraction:.4g} of the load; reduce the load."
-        )
+        what = f"no equilibrium beyond {fraction:.4g} of the load; reduce the load."
+        coarse = "bends too sharply for its elements; reduce the load, or export with --elements."
+        super().__init__(f"shape {index}: {what if fraction < 1 else coarse}")
         self.index, self.fraction = index, fraction
 
 
@@ -160,6 +164,9 @@ def _solve(x):
     inside, edges, converged = _newton(x, start)
     for i in np.flatnonzero(~converged):
         inside[i], edges[i] = _raise_load(x[i : i + 1], start[i : i + 1], i)
+    defect = np.abs((inside[..., Q] ** 2).sum(axis=-1).real - 1).max(axis=(1, 2), initial=0.0)
+    for i in np.flatnonzero(~(defect <= DEFECT)):
+        raise NoShape((int(i),), 1.0)
     return inside, edges
 
 
