@@ -36,6 +36,10 @@ def session(folder):
     return onnxruntime.InferenceSession(folder / "trunk.onnx")
 
 
+def feed(controls, kind=np.float64):
+    return {"activation": controls[:, :28].astype(kind), "head": controls[:, 28:].astype(kind)}
+
+
 @pytest.fixture(scope="module")
 def controls():
     return exported.inputs()[:, : exported.model().layout.controls]
