@@ -75,7 +75,7 @@ def _sizes(request: Request) -> Iterable[str]:
     """Sizes and offsets as the header has them."""
     model = request.model
     layout, tables = model.layout, model.tables
-    first = 4 if not layout.contact else 10
+    loads = 10 if layout.contact else 4
     for name, value in {
         "MUSCLES": len(layout.muscles),
         "CONTROLS": layout.controls,
@@ -84,7 +84,7 @@ def _sizes(request: Request) -> Iterable[str]:
         "CONTACT": int(layout.contact),
         "HAS_JACOBIAN": int(request.what == "jacobian" or request.second),
         "HAS_SECOND": int(request.second),
-        "LOADS": first,
+        "LOADS": loads,
         "SEGMENTS": len(tables.fractions),
         "ELEMENTS": len(tables.widths),
         "NODES": DEGREE,

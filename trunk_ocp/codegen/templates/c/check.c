@@ -4,7 +4,9 @@
  *     cc -std=c99 -O2 trunk.c check.c -o check -lm && ./check [folder of the check files]
  *
  * Prints the largest error of each part of the outputs, relative to the part's largest number;
- * ends with 0 if all are below 1e-10. The files have one case a row:
+ * ends with 0 if all are below 1e-10. Loaded shapes are found twice, each from anew and then, as
+ * "warm", from that of the case before; the first from that of the last. The files have one case
+ * a row:
  *     check.csv            x, y, then, as far as trunk.c has them, J, v, dJ
  *     check_unloaded.csv   controls, y, then J if trunk.c has derivatives
  */
@@ -94,21 +96,22 @@ static void expect_success(int status)
     if (status != TRUNK_OK) stop("case", trunk_message(status));
 }
 
-static int check_loaded(const char *folder)
+/* All loaded cases; warm, each from the shape that the work has. */
+static int check_loaded(const char *folder, int warm)
 {
-    block y = {"loaded", TRUNK_OUTPUTS, 1, {0}, {0}};
+    block y = {warm ? "warm" : "loaded", TRUNK_OUTPUTS, 1, {0}, {0}};
 #if TRUNK_HAS_JACOBIAN
-    block J = {"jacobian", TRUNK_OUTPUTS, TRUNK_INPUTS, {0}, {0}};
+    block J = {warm ? "warm jacobian" : "jacobian", TRUNK_OUTPUTS, TRUNK_INPUTS, {0}, {0}};
 #endif
 #if TRUNK_HAS_SECOND
-    block dJ = {"second", TRUNK_OUTPUTS, TRUNK_INPUTS, {0}, {0}};
+    block dJ = {warm ? "warm second" : "second", TRUNK_OUTPUTS, TRUNK_INPUTS, {0}, {0}};
     double v[TRUNK_INPUTS];
 #endif
     double x[TRUNK_INPUTS];
     FILE *file = open_file(folder, "check.csv");
     int cases = 0, bad;
     while (read_numbers(file, x, TRUNK_INPUTS)) {
-        trunk_reset(&work); /* the cases have nothing to do with each other */
+        if (!warm) trunk_reset(&work);
         expect_success(trunk_loaded(x, &work, found));
         compare(file, &y);
 #if TRUNK_HAS_JACOBIAN
@@ -159,7 +162,9 @@ static int check_unloaded(const char *folder)
 int main(int count, char **arguments)
 {
     const char *folder = count > 1 ? arguments[1] : ".";
-    const int bad = check_loaded(folder) + check_unloaded(folder);
+    int bad = check_loaded(folder, 0);
+    bad += check_loaded(folder, 1);
+    bad += check_unloaded(folder);
     printf(bad ? "some DISAGREE\n" : "all agree\n");
     return bad ? 1 : 0;
 }

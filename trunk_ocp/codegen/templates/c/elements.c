@@ -28,7 +28,7 @@ static double largest(double bound, const double *x, int count)
 {
     for (int i = 0; i < count; i++) {
         const double size = fabs(x[i]);
-        if (!(size <= bound)) bound = size; /* keeps what is not a number */
+        if (size > bound || isnan(size)) bound = size; /* keeps what is not a number */
     }
     return bound;
 }

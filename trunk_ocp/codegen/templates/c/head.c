@@ -2,6 +2,10 @@
 
 #include <math.h>
 
+#if defined __FAST_MATH__ || __FINITE_MATH_ONLY__
+#error "trunk.c has to know what is not a number: compile it without -ffast-math (-Ofast)"
+#endif
+
 #define NODES TRUNK_NODES
 
 /* Numbers of this trunk. */

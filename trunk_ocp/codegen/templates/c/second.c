@@ -25,7 +25,6 @@ static void combine(const double *weights, const double *columns, int count, dou
 static void spread(trunk_work *work, int e, int parameter, const double *frame,
                    const double *force, double dw[18 * NODES])
 {
-    static const int frame_place[12] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
     static const int force_place[9] = {0, 1, 2, 3, 7, 11, 12, 13, 14};
     trunk_element *a = &work->element[e];
     const double *start = work->response[e][parameter], h = width[e];
@@ -60,7 +59,7 @@ static void spread(trunk_work *work, int e, int parameter, const double *frame,
             for (int j = 0; j < NODES; j++) {
                 double f = 0;
                 for (int k = 4; k < 12; k++)
-                    f += frame[NODES * (4 * k + c) + j] * dw[NODES * frame_place[k] + j];
+                    f += frame[NODES * (4 * k + c) + j] * dw[NODES * k + j];
                 dw[NODES * c + j] = gauss_sum[j] * start[c] + h * f;
             }
         solve_transposed(a, dw);
@@ -68,9 +67,9 @@ static void spread(trunk_work *work, int e, int parameter, const double *frame,
 }
 
 /* Second response of the edges to each parameter and the direction, `along` the parameters. */
-static void respond_twice(trunk_work *work, const double along[PARAMETERS],
-                          double second[TRUNK_ELEMENTS + 1][PARAMETERS][ENDS])
+static void respond_twice(trunk_work *work, const double along[PARAMETERS])
 {
+    double (*const second)[PARAMETERS][ENDS] = work->second;
     clear(second[0][0], PARAMETERS * ENDS);
     for (int c = 0; c < 2; c++) {
         const double direction[2] = {c == 0, c == 1};
@@ -120,11 +119,11 @@ static void set_direction(const double *v, double along[PARAMETERS])
 int trunk_second(trunk_work *work, const double v[TRUNK_INPUTS],
                  double dJ[TRUNK_POINTS * TRUNK_OUTPUTS * TRUNK_INPUTS])
 {
-    double along[PARAMETERS], second[TRUNK_ELEMENTS + 1][PARAMETERS][ENDS];
+    double along[PARAMETERS];
     const int status = all_finite(v, TRUNK_INPUTS) ? respond(work) : TRUNK_NOT_FINITE;
     if (status) return status;
     set_direction(v, along);
-    respond_twice(work, along, second);
+    respond_twice(work, along);
     for (int point = 0; point < TRUNK_POINTS; point++) {
         double w[15], value[16], slopes[15][16], by[PARAMETERS][TRUNK_OUTPUTS];
         double dw[PARAMETERS][15], dv[15];
@@ -133,7 +132,7 @@ int trunk_second(trunk_work *work, const double v[TRUNK_INPUTS],
         for (int c = 0; c < PARAMETERS; c++) point_change(work, point, c, dw[c]);
         combine(along, dw[0], 15, dv);
         for (int c = 0; c < PARAMETERS; c++) {
-            const double *edge = second[trunk_edge[point]][c];
+            const double *edge = work->second[trunk_edge[point]][c];
             report_second(w, edge_section[point], dw[c], dv, by[c] + 3);
             for (int i = 0; i < 3; i++) by[c][i] = edge[7 + i];
             for (int k = 0; k < 7; k++)

@@ -1,6 +1,6 @@
 /* Newton's method for the whole trunk. */
 
-#define MOST_STEPS 40
+#define MOST_STEPS 40 /* from one start */
 #define SMALLEST_LOAD_STEP 1e-4
 
 /* Linearise all elements at the shape in the work; 0 if that cannot be solved. */
@@ -94,7 +94,9 @@ static double correct(trunk_work *work, const double base[7])
         for (int i = 0; i < TRUNK_Q; i++) shape->q[e][i] += residual[e][i];
     }
     for (int i = 0; i < 3; i++) shape->moment[0][i] += start[i];
-    return largest(size, (const double[1]){moment_size / moment}, 1);
+    moment_size /= moment;
+    if (moment_size > size || isnan(moment_size)) size = moment_size;
+    return size;
 }
 
 /*
@@ -107,8 +109,9 @@ static int newton(trunk_work *work)
     double base[7], last = work->linear ? HUGE_VAL : 0;
     int renew = !work->linear;
     base_values(work->head, NULL, base);
-    for (int step = 0; step < MOST_STEPS; step++) {
+    for (int step = 0; step < MOST_STEPS && work->steps_left > 0; step++) {
         double size, error;
+        work->steps_left--;
         if (renew && !linearise(work)) return 0;
         size = correct(work, base);
         if (!(size < 1e6)) return 0;

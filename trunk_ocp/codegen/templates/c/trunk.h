@@ -19,7 +19,16 @@ extern "C" {
  *     if (trunk_loaded(x, &work, y) == TRUNK_OK) ...   (the tip: y[TRUNK_POSITION + 0 .. 2])
  *
  * All memory is in trunk_work: nothing is allocated, no function keeps a state of its own, and
- * calls with different works may run at the same time.
+ * calls with different works may run at the same time. sizeof(trunk_work) is about 11 kB for each
+ * of the TRUNK_ELEMENTS elements, and for each 80 TRUNK_PARAMETERS bytes more for the Jacobian and
+ * as much again for second derivatives.
+ *
+ * How to compile
+ * --------------
+ * trunk.c is C99, not C++; C++ programs link to it by this header. Use -O3: it is much faster than
+ * -O0. Not -ffast-math: then a compiler takes the tests for what is not a number away, so that
+ * trunk.c refuses it. The symbols are the same in every export: one trunk to a program or shared
+ * library.
  *
  * Axes and units
  * --------------
@@ -45,7 +54,8 @@ extern "C" {
  *                     three numbers in space axes each
  *   TRUNK_STRAIN      zeta (extension, 1 at rest), then u1, u2 (bending) and u3 (twist) in 1/m
  *   TRUNK_MOMENT      m in N m, its components along d1, d2, d3 (3); not of an unloaded shape
- * The number i of point k is y[k * TRUNK_OUTPUTS + i].
+ * The number i of point k is y[k * TRUNK_OUTPUTS + i]. Strains jump from one segment to the next:
+ * a point between two reports those of the segment that ends there.
  */
 
 /* @sizes@ */
@@ -63,7 +73,8 @@ enum {
     TRUNK_OK = 0,
     TRUNK_NOT_FOUND,  /* no equilibrium found, or no shape in the work yet */
     TRUNK_COLLAPSED,  /* the activations shorten a segment to nothing */
-    TRUNK_NOT_FINITE  /* an input is infinite or not a number */
+    TRUNK_NOT_FINITE, /* an input, or what follows from it, is infinite or not a number */
+    TRUNK_COARSE      /* the shape bends too sharply for this mesh, and may be wrong */
 };
 
 typedef struct trunk_work trunk_work;
@@ -89,7 +100,15 @@ void trunk_reset(trunk_work *work);
  * Starts from the last shape in the work, if there is one, and then from the unloaded shape; where
  * that does not lead to an equilibrium, the loads are raised in steps. Unless the status is
  * TRUNK_OK, y is left as it was and the work is as after trunk_reset.
+ *
+ * A shape that bends too sharply for the elements is not reported but TRUNK_COARSE: reduce the load
+ * or the activation, or export with a finer mesh.
+ *
+ * Time is spent in steps of Newton's method: 10 at most in an ordinary call, 30 to 250 where the
+ * loads are raised, and never more than TRUNK_MOST_STEPS; a call that runs out of them is
+ * TRUNK_NOT_FOUND.
  */
+#define TRUNK_MOST_STEPS 400
 int trunk_loaded(const double x[TRUNK_INPUTS], trunk_work *work,
                  double y[TRUNK_POINTS * TRUNK_OUTPUTS]);
 
@@ -111,7 +130,8 @@ int trunk_second(trunk_work *work, const double v[TRUNK_INPUTS],
 /*
  * The shape without loads, in closed form; returns a status. Each point has
  * TRUNK_UNLOADED_OUTPUTS numbers, in the order above. J is its derivative by the controls,
- * d y[i] / d controls[j] at J[i * TRUNK_CONTROLS + j], or NULL where it is not wanted.
+ * d y[i] / d controls[j] at J[i * TRUNK_CONTROLS + j], or NULL where it is not wanted. Unless the
+ * status is TRUNK_OK, y is left as it was, and J is not to be used.
  */
 int trunk_unloaded(const double controls[TRUNK_CONTROLS],
                    double y[TRUNK_POINTS * TRUNK_UNLOADED_OUTPUTS], double *J);
@@ -143,9 +163,10 @@ typedef struct {
 } trunk_element;
 
 struct trunk_work {
-    int found;     /* whether shape is an equilibrium */
-    int linear;    /* whether the elements hold a linearisation, perhaps at an older shape */
-    int responded; /* whether response is that of shape */
+    int found;      /* whether shape is an equilibrium */
+    int linear;     /* whether the elements hold a linearisation, perhaps at an older shape */
+    int responded;  /* whether response is that of shape */
+    int steps_left; /* of Newton's method, in this call */
     double strain[TRUNK_SEGMENTS][4];
     double mean;
     double load[TRUNK_LOADS];
@@ -158,6 +179,9 @@ struct trunk_work {
     double closing[3][3];                               /* M(0) by M(L) */
 #if TRUNK_HAS_JACOBIAN
     double response[TRUNK_ELEMENTS + 1][TRUNK_PARAMETERS][TRUNK_ENDS]; /* edges by parameters */
+#endif
+#if TRUNK_HAS_SECOND
+    double second[TRUNK_ELEMENTS + 1][TRUNK_PARAMETERS][TRUNK_ENDS]; /* its change along v */
 #endif
 };
 

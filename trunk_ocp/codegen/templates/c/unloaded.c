@@ -90,16 +90,19 @@ static void unloaded_points(const unloaded_edge *at, int edge, double strain[][4
 int trunk_unloaded(const double controls[TRUNK_CONTROLS],
                    double y[TRUNK_POINTS * TRUNK_UNLOADED_OUTPUTS], double *J)
 {
-    double strain[TRUNK_SEGMENTS][4], mean;
+    double strain[TRUNK_SEGMENTS][4], mean, value[TRUNK_POINTS * UNLOADED];
     unloaded_edge at;
     int status = all_finite(controls, TRUNK_CONTROLS) ? TRUNK_OK : TRUNK_NOT_FINITE;
     if (!status) status = set_strain(controls, strain, &mean);
     if (status) return status;
     unloaded_base(controls + TRUNK_HEAD, &at);
-    unloaded_points(&at, 0, strain, y, J);
+    unloaded_points(&at, 0, strain, value, J);
     for (int e = 0; e < TRUNK_ELEMENTS; e++) {
         unloaded_step(&at, e, strain[element_segment[e]], J != NULL);
-        unloaded_points(&at, e + 1, strain, y, J);
+        unloaded_points(&at, e + 1, strain, value, J);
     }
+    if (!all_finite(value, TRUNK_POINTS * UNLOADED)) return TRUNK_NOT_FINITE;
+    if (J && !all_finite(J, TRUNK_POINTS * UNLOADED * TRUNK_CONTROLS)) return TRUNK_NOT_FINITE;
+    for (int i = 0; i < TRUNK_POINTS * UNLOADED; i++) y[i] = value[i];
     return TRUNK_OK;
 }
