@@ -129,7 +129,7 @@ def test_every_field_is_what_its_name_says(built):
 def test_the_last_dimension_of_a_derivative_is_that_of_the_named_inputs(built):
     names = octave(built, "disp(jsonencode(trunk_shape('inputs')))")
     assert names[:28] == list(TRUNK.muscles)
-    muscle, force = names.index("R2-dl"), names.index("tip_force Y")
+    muscle, force = names.index("R2-dl"), names.index("tip_force_Y")
     # Differences of order 4 with a step of 1e-3, and of 1 N on a trunk of stiffness 500 N.
     code = f"""
     a = -0.1 * ones(28, 1); e = zeros(28, 1); e({muscle + 1}) = 1e-3;

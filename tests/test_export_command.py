@@ -189,3 +189,21 @@ def test_a_shape_that_bends_too_sharply_for_its_mesh_is_refused_and_more_element
     tip = modules[40].loaded(x)[0, :3]
     shape = to.solve_statics(trunk, activation, loads=to.Loads(tip_force=force))
     np.testing.assert_allclose(tip, shape.position([trunk.length])[0], atol=1e-6)
+
+
+def test_a_second_export_leaves_nothing_of_the_first_behind(tmp_path):
+    assert export("asian-elephant", "--to", "casadi", "--out", tmp_path).exit_code == 0
+    assert (
+        export("asian-elephant", "--to", "c", "--what", "shape", "--out", tmp_path).exit_code == 0
+    )
+    assert not [*tmp_path.glob("*.casadi")]
+    assert not (tmp_path / "README.txt").exists()
+
+
+def test_a_file_of_the_users_own_is_not_overwritten(tmp_path):
+    (tmp_path / "CMakeLists.txt").write_text("mine")
+    result = export("asian-elephant", "--to", "c", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "CMakeLists.txt: is there already, and not from an export" in result.stderr
+    assert (tmp_path / "CMakeLists.txt").read_text() == "mine"
+    assert not (tmp_path / "trunk.c").exists()

@@ -28,8 +28,16 @@ def clean_errors() -> Iterator[None]:
         click.echo(f"Error: {error}", err=True)
         sys.exit(BAD_INPUT)
     except KeyboardInterrupt:
-        click.echo("Interrupted; nothing more was saved.", err=True)
-        sys.exit(INTERRUPTED)
+        _interrupted()
+    except (RuntimeError, SystemError) as error:
+        if "KeyboardInterrupt" not in f"{error} {error.__cause__!r}":
+            raise
+        _interrupted()  # in the middle of CasADi, which makes an error of its own of it
+
+
+def _interrupted() -> None:
+    click.echo("Interrupted; nothing more was saved.", err=True)
+    sys.exit(INTERRUPTED)
 
 
 def finished(run: str) -> tuple[Path, dict[Path, Plan]]:

@@ -98,8 +98,8 @@ def export_model(
             console.print(str(path), markup=False, soft_wrap=True)
         if not FORMATS[to].loaded and not FORMATS[to].formulas:
             console.print(
-                f"{to} carries unloaded shapes only: a loaded one takes an iteration. For those, "
-                "--to c, casadi, mex, numpy, jax or torch.",
+                f"{to} carries unloaded shapes only: it has no operator that solves equations. For "
+                "loaded ones: --to c, casadi, mex, numpy, jax or torch.",
                 soft_wrap=True,
             )
         if check:

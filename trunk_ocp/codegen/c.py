@@ -150,7 +150,7 @@ def _tables(model: Model) -> Iterable[str]:
 
 
 def _input_names(model: Model) -> list[str]:
-    axes = {1: ("",), 3: (" X", " Y", " Z")}
+    axes = {1: ("",), 3: ("_X", "_Y", "_Z")}
     names = [*model.layout.muscles, "psi_Z", "psi_Y"]
     for name, part in list(model.layout.inputs.items())[2:]:
         names += [name + axis for axis in axes[part.stop - part.start]]

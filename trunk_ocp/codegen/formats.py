@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -18,6 +20,8 @@ from .model import FEWEST, build_model
 from .request import Request
 
 Files = dict[str, str | bytes]
+MANIFEST = "export.json"
+"""Lists the files of an export, so that the next one into the folder leaves none behind."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +140,7 @@ def export(
     Raises
     ------
     InputError
-        For a format, points or options that do not go together.
+        For a format, points or options that do not go together, or a file in the way.
     ToolMissingError
         If a package that writes the format is not installed.
     """
@@ -146,7 +150,32 @@ def export(
         files |= check_files(request, FORMATS[to].loaded)
     folder = Path(out)
     with alone(folder):
+        _make_room(folder, files)
+        files[MANIFEST] = json.dumps({"format": to, "what": what, "files": [*files]}, indent=1)
         return [write(folder / name, content, lasting=False) for name, content in files.items()]
+
+
+def _make_room(folder: Path, files: Files) -> None:
+    """Remove the files of an earlier export from a folder.
+
+    Raises
+    ------
+    InputError
+        If a file is in the way that no export has written.
+    """
+    manifest, ours = folder / MANIFEST, set()
+    if manifest.exists():
+        with contextlib.suppress(ValueError, TypeError, KeyError):
+            ours = {*json.loads(manifest.read_text())["files"]}
+    in_the_way = sorted(name for name in files if (folder / name).exists() and name not in ours)
+    if in_the_way:
+        raise InputError(
+            f"{folder / in_the_way[0]}: is there already, and not from an export; expected a new "
+            "folder, or one that only exports were written to. Name another one with --out."
+        )
+    for name in ours:
+        if Path(name).name == name:  # never beyond the folder
+            (folder / name).unlink(missing_ok=True)
 
 
 def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:
@@ -171,7 +200,7 @@ def build_request(
     single: bool,
     muscle: str | None,
     contact_from: float | None,
-    elements: int,
+    elements: int = FEWEST,
 ) -> Request:
     """Checked arguments of `export`."""
     if to not in FORMATS:

@@ -17,7 +17,7 @@ function check()
 end
 
 function good = check_loaded(inputs, controls)
-  rows = dlmread('check.csv', ',');
+  rows = dlmread(fullfile(fileparts(mfilename('fullpath')), 'check.csv'), ',');
   first = trunk_shape(zeros(1, controls - 2));
   n = numel(first.Z);
   ends = cumsum([0, inputs, 19 * n, 19 * n * inputs, inputs, 19 * n * inputs]);
@@ -54,7 +54,7 @@ function good = check_loaded(inputs, controls)
 end
 
 function good = check_unloaded(controls)
-  rows = dlmread('check_unloaded.csv', ',');
+  rows = dlmread(fullfile(fileparts(mfilename('fullpath')), 'check_unloaded.csv'), ',');
   first = trunk_shape('unloaded', zeros(1, controls - 2));
   n = numel(first.Z);
   y = {};

@@ -1,3 +1,4 @@
+function varargout = trunk_shape(varargin)
 % TRUNK_SHAPE  Shape of a muscular trunk, and its exact derivatives.
 %
 %   shape = trunk_shape(activation, head, loads)         in equilibrium under its loads

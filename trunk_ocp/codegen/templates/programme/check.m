@@ -1,7 +1,7 @@
 % Compares the programme's functions with programme_check.csv, whose lines are: x, f, g, gradient,
 % nonzeros of the Jacobian, lam_f, lam_g, nonzeros of the Hessian. Build it first: help programme
 
-lines = dlmread('programme_check.csv', ',');
+lines = dlmread(fullfile(fileparts(mfilename('fullpath')), 'programme_check.csv'), ',');
 n = numel(programme('lower'));
 m = numel(programme('row_lower'));
 [jr, jc] = programme('pattern', 'nlp_jac_g');

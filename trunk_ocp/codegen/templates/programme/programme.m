@@ -1,3 +1,4 @@
+function varargout = programme(varargin)
 % PROGRAMME  The motion @NAME@ as a nonlinear programme, exported by trunk_ocp @VERSION@.
 %
 %   minimise f(x)  subject to  lower <= x <= upper  and  row_lower <= g(x) <= row_upper

@@ -69,6 +69,7 @@ def main() -> int:
     good = check_file("check_unloaded.csv", CONTROLS, 16, ["unloaded", "unloaded_jacobian"])
     if "loaded" in MAPS:
         good = check_file("check.csv", SIZE, 19, ["loaded", "jacobian", "second"]) and good
+    print("all agree" if good else "some DISAGREE")
     return 0 if good else 1
 
 
