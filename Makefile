@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
 
-.PHONY: venv motion results test torch trust study examples lint bench schema clean
+.PHONY: venv motion results test frameworks trust study examples lint bench schema clean
 
 venv: $(READY)
 
@@ -19,9 +19,9 @@ $(TESTABLE): requirements-test.txt | $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
 	touch $@
 
-# PyTorch is large; its tests are skipped without it.
-torch: venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-torch.txt
+# JAX and PyTorch, which are large; the tests of their exports are skipped without them.
+frameworks: venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-frameworks.txt
 
 # One worker a core; a solver of its own in each, so no threads inside. What the browser showed is
 # kept in out/screenshots.

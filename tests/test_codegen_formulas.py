@@ -220,7 +220,7 @@ def test_a_straight_segment_is_the_limit_of_a_spiral():
         assert difference.norm() < 1e-11  # of first order in c = 2e-12
 
 
-@pytest.mark.parametrize("muscle", ["R1-dl", "L1-ovo", "R2-vr", "L3-ovo"])
+@pytest.mark.parametrize("muscle", ["R1-dl", "L3-ovo"])
 def test_the_module_gives_the_numbers_of_the_trunk(tmp_path, muscle):
     told = formulas.check_sympy(write(tmp_path, formulas.write_sympy(of(muscle))))
     errors = dict(line.split()[1:] for line in told.splitlines())

@@ -6,8 +6,6 @@ What they are held against is the NumPy module, which has tests of its own.
 import importlib.util
 
 import exported
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -18,6 +16,8 @@ from trunk_ocp.codegen.wrappers import check_jax, check_torch, write_jax, write_
 DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
 EXACT = 1e-12  # the same numbers by another route
 
+jax = pytest.importorskip("jax", reason="JAX and PyTorch are large: make frameworks")
+jnp = jax.numpy
 needs_torch = pytest.mark.skipif(
     importlib.util.find_spec("torch") is None, reason="PyTorch is large and not required"
 )

@@ -90,8 +90,8 @@ def test_an_export_gives_the_programmes_own_numbers_in_its_own_world(to, tmp_pat
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
-@pytest.mark.parametrize("to", WRITERS)
-def test_a_check_notices_one_wrong_number(to, tmp_path):
+def test_a_check_notices_one_wrong_number(tmp_path):
+    to = "casadi"  # which is checked the quickest
     folder = saved(exported(to), tmp_path / to)
     path = folder / "programme_check.csv"
     first, *rest = path.read_text().splitlines()
