@@ -101,7 +101,8 @@ def test_the_command_line_ends_with_a_code_and_a_message(tmp_path_factory, case)
     arguments = [folder / "problem.toml", "--out", folder / "out", "--max-iterations", 20]
     result = CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
     assert result.exit_code in (0, 2, 3, 4), result.output
-    assert isinstance(result.exception, SystemExit)
+    # A clean end, which click does not call an exception, or one on purpose.
+    assert result.exit_code == 0 or isinstance(result.exception, SystemExit)
     assert "Traceback" not in result.output
     assert result.exit_code != 2 or "problem.toml" in result.stderr
 
@@ -404,8 +405,9 @@ READS_OBJECTS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "ya
 
 
 def test_the_package_has_no_way_to_run_what_it_reads():
-    """One exception: `shooting` runs source that it wrote itself, from the package's own
-    symbolic rates and nothing of any file; numba compiles source only.
+    """Exceptions: `shooting` and `onnx_model` run source that they wrote themselves, from the
+    package's own symbols, and numbers of a trunk; numba compiles source only. `running` starts
+    compilers and Octave, on exports just written, when a check is asked for.
     """
     found = set()
     for path in PACKAGE.rglob("*.py"):
@@ -425,7 +427,12 @@ def test_the_package_has_no_way_to_run_what_it_reads():
     assert found == ALLOWED
 
 
-ALLOWED = {("shooting.py", "exec")}
+ALLOWED = {
+    ("shooting.py", "exec"),
+    ("onnx_model.py", "exec"),
+    ("onnx_model.py", "import_module"),
+    ("running.py", "subprocess"),
+}
 
 
 # --- slips of unit and sign --------------------------------------------------------------
