@@ -26,6 +26,13 @@ from .suspicions import suspicions
 from .targets import Held, Target, check_earlier, phase_targets
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
+REFERENCE_LENGTH = 1.75
+"""Length in m of the trunk for which 1 m of position error weighs as much as 1 of a direction's.
+
+The elephant's. Position errors of other trunks are compared in proportion to their length, so that
+a motion and its scale model have the same optimum."""
+
+TOLERANCE = 0.02  # m, of positions for the reference trunk; the default
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,13 @@ class Motion:
     @property
     def tolerance(self) -> tuple[float, float]:
         """Largest errors, in m and of a director, with which a target counts as reached."""
-        return self.spec.tolerance.position, self.spec.tolerance.direction
+        position, direction = self.spec.tolerance.position, self.spec.tolerance.direction
+        return TOLERANCE / self.position_scale if position is None else position, direction
+
+    @property
+    def position_scale(self) -> float:
+        """Factor of a position error in the objective: `REFERENCE_LENGTH` over the trunk's."""
+        return REFERENCE_LENGTH / self.trunk.length
 
     def shifted(self, offset: Vector) -> Motion:
         """The same motion with every target position moved by `offset` (3,) in m."""

@@ -51,7 +51,7 @@ FAILURES = {
 
 @dataclass(frozen=True)
 class Objective:
-    """Costs of a plan: the paper's J (eq. 42, un-squared norms) and the planner's own.
+    """Costs of a plan: the paper's J (eq. 42, un-squared norms, in m) and the planner's own.
 
     The planner minimises `tracking` + `effort` + `rate`; see `Weights`.
     """
@@ -186,7 +186,7 @@ class Plan:
         direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
         return Objective(
             sum(e.paper for e in self.errors),
-            position + direction,
+            position * self.motion.position_scale**2 + direction,
             self.weights.effort * float(np.sum(self.activations**2)),
             self.weights.rate * squared_rate(self),
         )

@@ -121,7 +121,7 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
     if spec.bounds.extension[0] > 5:
         text = "a share of the length at rest, such as [0.67, 1.35]; this looks like percent"
         yield "bounds.extension", spec.bounds.extension, text
-    yield from _tolerances(spec, motion.trunk.length)
+    yield from _tolerances(motion.tolerance, motion.trunk.length)
     for number, phase in enumerate(spec.phases, 1):
         where = f"phases[{number}]"
         yield from _limits(phase.bounds, f"{where}.bounds")
@@ -150,8 +150,8 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
             yield f"{where}.{name}", angles, _radians(angles)
 
 
-def _tolerances(spec: ProblemSpec, length: float) -> Iterator[Finding]:
-    position, direction = spec.tolerance.position, spec.tolerance.direction
+def _tolerances(tolerance: tuple[float, float], length: float) -> Iterator[Finding]:
+    position, direction = tolerance
     if position >= length / 2:
         text = "every point within half a trunk counts as reached; it looks like mm, write"
         yield "tolerance.position", position, f"{text} {position / 1000:g} for m"

@@ -42,10 +42,11 @@ from .terms import (
 class Weights:
     """Weights of the costs besides tracking.
 
-    Tracking is the weighted sum of squared distances of eq. (42), positions in m. `effort`
-    weighs the sum over time steps of the squared activations, `rate` the integral over time
-    of the squared rates of activations and head angles (1/s and rad/s). Both are small:
-    they choose among the many solutions that track equally well.
+    Tracking is the weighted sum of squared distances of eq. (42), positions in m for a trunk of
+    1.75 m and in proportion for others (`Motion.position_scale`), so that weights mean the same
+    at every size. `effort` weighs the sum over time steps of the squared activations, `rate` the
+    integral over time of the squared rates of activations and head angles (1/s and rad/s). Both
+    are small: they choose among the many solutions that track equally well.
     """
 
     effort: float = 1e-5
@@ -217,11 +218,13 @@ class Window:
     def goals(self) -> Iterator[Goal]:
         """What the targets ask for, one entry for each position and direction."""
         position, direction = self.motion.tolerance
+        squared_scale = self.motion.position_scale**2
         for step, u in zip(self.steps, self.unknowns, strict=True):
             for target in step.targets:
                 q, r = u.points[target.Z]
                 if target.position is not None:
-                    goal, weight = np.asarray(target.position), target.position_weight
+                    goal = np.asarray(target.position)
+                    weight = target.position_weight * squared_scale
                     yield Goal(squared_distance(self.length), r, goal, weight, position)
                 for j, d, weight in target.pairs():
                     if isinstance(d, Held) and not self._is_known(d):
