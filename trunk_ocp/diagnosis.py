@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .activation import strains
+from .deferred_signals import deferred_interrupts
 from .motion import allowed
 from .postoptimal import Response, responses
 from .relaxation import Excess, contradictions, reach, said
@@ -87,6 +88,7 @@ class Diagnosis:
         }
 
 
+@deferred_interrupts()
 @one_thread()
 def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> Diagnosis:
     """Why a plan is what it is.
@@ -105,7 +107,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
-    asked = deep and plan.verified and plan.status is not Status.INTERRUPTED
+    asked = deep and plan.verified and not plan.cut_short
     return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if asked else ())
 
 
@@ -116,6 +118,11 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if plan.status is Status.INTERRUPTED:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
         yield Finding("failure", f"interrupted; {kept}", (), "Go on with --resume.")
+        return
+    if plan.status is Status.TIME_LIMIT:
+        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
+        advice = "Allow more time, or go on from this plan: plan_motion(motion, start=plan)."
+        yield Finding("failure", f"the deadline passed; {kept}", (), advice)
         return
     if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
@@ -144,7 +151,7 @@ def _not_converged(plan: Plan, advise: bool) -> Finding:
     meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
     what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
     told = [str(violation) for violation in solve.violations]
-    best = f"kept is the best point met: objective {solve.objective:.3g}"
+    best = f"the point that is kept: objective {solve.objective:.3g}"
     if solve.violations:
         best += f", constraints off by {solve.infeasibility:.2g} in units of L, E I(0) / L and 1"
     advice = _next_try(solve, len(plan.motion.steps)) if advise else ""

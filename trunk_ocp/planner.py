@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .activation import strains
 from .collocation import Mesh, mesh_for
+from .deferred_signals import deferred_interrupts
 from .errors import InputError, StaticsError
 from .loads import Loads, vector
 from .motion import Box, Motion, Step, allowed
@@ -85,6 +88,7 @@ class State:
     converged: bool = True
 
 
+@deferred_interrupts()
 @one_thread()
 def plan_motion(
     motion: Motion,
@@ -94,6 +98,7 @@ def plan_motion(
     start: Plan | None = None,
     checkpoint: Checkpoint | None = None,
     throw: bool = True,
+    deadline: float | None = None,
 ) -> Plan:
     """Find activations and head angles that perform a motion.
 
@@ -110,6 +115,9 @@ def plan_motion(
         Where every finished window is kept, and gone on from.
     throw : bool
         False to get a plan that is not solved as well: look at its `status`.
+    deadline : float, optional
+        Seconds of wall time after which no iteration of the optimizer begins. What was reached is
+        returned, with status TIME_LIMIT; its check comes on top.
 
     Returns
     -------
@@ -121,31 +129,44 @@ def plan_motion(
     PlanError
         If it is not solved; the error has the plan.
     InputError
-        If the lookahead is not a whole number from 1 on, or the checkpoint is of another plan.
+        If the lookahead is not a whole number from 1 on, the deadline not positive, or the
+        checkpoint of another plan.
+    KeyboardInterrupt
+        On Ctrl-C, unless its handler has been replaced. Whatever else a reporter raises reaches
+        the caller as well.
     SolverMissingError
         If the linear solver is not there.
     """
     began = time.perf_counter()
     options, reporter = options or Options(), reporter or Reporter()
     mode, lookahead = mode_of(motion, lookahead)
+    ends = began + seconds_allowed(deadline)
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
-    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter)
+    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     few = min(options.max_iterations, ROUGH_ITERATIONS)
-    rough = Optimiser(options.linear_solver, few, reporter, ROUGH)
+    rough = Optimiser(options.linear_solver, few, reporter, ROUGH, ends)
     mesh = first_mesh(motion, options)
     given = start  # its own cost counts as well
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
         start = Pass(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
-    if reporter.stop and start is not None:
-        note = "interrupted before the horizon's own solve; this is the plan it starts from"
-        plan = replace(start, mode=mode, lookahead=lookahead, interrupted=True, notes=(note,))
+    if (reporter.stop or optimiser.late) and start is not None:
+        how = "interrupted" if reporter.stop else "out of time"
+        note = f"{how} before the horizon's own solve; this is the plan it starts from"
+        plan = replace(
+            start,
+            mode=mode,
+            lookahead=lookahead,
+            interrupted=reporter.stop,
+            late=not reporter.stop,
+            notes=(note,),
+        )
     else:
         plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint).run()
         for _ in range(REFINEMENTS):
-            if not plan.converged or not plan.verification.too_coarse or reporter.stop:
+            if not plan.converged or not plan.verification.too_coarse or plan.cut_short:
                 break
             mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)
             reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
@@ -169,6 +190,21 @@ def plan_motion(
     return plan.checked() if throw else plan
 
 
+def seconds_allowed(deadline: float | None) -> float:
+    """A deadline in s, infinite if there is none.
+
+    Raises
+    ------
+    InputError
+        If it is not a positive number.
+    """
+    if deadline is None:
+        return math.inf
+    if isinstance(deadline, bool) or not isinstance(deadline, Real) or not deadline > 0:
+        raise InputError(f"deadline = {deadline!r}: expected seconds, more than 0.")
+    return float(deadline)
+
+
 def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     """Name of the mode that a lookahead makes, and the lookahead as a number of time steps.
 
@@ -184,6 +220,7 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
 
 
+@deferred_interrupts()
 def plan_from(
     motion: Motion,
     x: np.ndarray,
@@ -247,8 +284,8 @@ class Pass:
 
     @property
     def stopped(self) -> bool:
-        """Whether the user asked to stop."""
-        return self.optimiser.reporter.stop
+        """Whether the user asked to stop, or the deadline has passed."""
+        return self.optimiser.reporter.stop or self.optimiser.late
 
     def run(self) -> Plan:
         """Solve all windows, one after the other."""
@@ -427,7 +464,8 @@ class Pass:
             weights=self.options.weights,
             near=state.near,
             converged=state.converged,
-            interrupted=self.stopped,
+            interrupted=self.optimiser.reporter.stop,
+            late=self.optimiser.late and not (state.converged and len(x) == len(self.motion.steps)),
         )
 
 

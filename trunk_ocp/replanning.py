@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import asdict, replace
 
+from .deferred_signals import deferred_interrupts
 from .errors import InputError
 from .motion import Motion
-from .planner import Options, Pass, State
+from .planner import Options, Pass, State, seconds_allowed
 from .provenance import versions
 from .reporting import Reporter
 from .solution import Plan
@@ -35,6 +37,7 @@ class Replanner:
         If the plan is not a converged one of all time steps.
     """
 
+    @deferred_interrupts()
     @one_thread()
     def __init__(
         self, plan: Plan, options: Options | None = None, reporter: Reporter | None = None
@@ -42,6 +45,7 @@ class Replanner:
         if len(plan.x) != len(plan.motion.steps) or not plan.converged:
             raise InputError("plan: expected a converged plan of all time steps.")
         options = options or Options()
+        self._turn = threading.Lock()
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimiser = Optimiser(
@@ -52,11 +56,15 @@ class Replanner:
         start = window.pack(plan.x, plan.shape)
         self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
 
-    @one_thread()
-    def __call__(self, motion: Motion, throw: bool = True) -> Plan:
+    @deferred_interrupts()
+    def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
 
+        Threads take turns. A re-plan that runs out of time or iterations returns the newest
+        iterate, which need not keep every bound; the next one starts from the last that converged.
+
         throw : whether a plan that is not solved raises, as in `plan_motion`.
+        deadline : seconds after which no iteration begins, as in `plan_motion`.
 
         Raises
         ------
@@ -65,7 +73,14 @@ class Replanner:
         InputError
             If the motion has another structure; plan it anew with `plan_motion`.
         """
+        ends = time.perf_counter() + seconds_allowed(deadline)
+        with self._turn, one_thread():
+            plan = self._replan(motion, ends)
+        return plan.checked() if throw else plan
+
+    def _replan(self, motion: Motion, ends: float) -> Plan:
         began = time.perf_counter()
+        self._optimiser.deadline = ends
         solve, derivatives = self._optimiser.solve_seconds, self._optimiser.derivative_seconds
         window, planner = self._window(motion)
         if window.structure != self._structure:
@@ -74,12 +89,14 @@ class Replanner:
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
         last = self._last
-        outcome = self._optimiser.solve(window, last.full, "horizon", "re-plan", last.multipliers)
+        outcome = self._optimiser.solve(
+            window, last.full, "horizon", "re-plan", last.multipliers, newest=True
+        )
         if outcome.converged:
             self._last = outcome
         state = State()
         planner.keep(window, outcome, len(motion.steps), state)
-        plan = replace(
+        return replace(
             planner.plan(state),
             versions=versions(),
             options=asdict(self._options),
@@ -89,7 +106,6 @@ class Replanner:
             total_seconds=time.perf_counter() - began,
             solves=tuple(self._optimiser.solves[-1:]),
         )
-        return plan.checked() if throw else plan
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)

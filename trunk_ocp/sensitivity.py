@@ -15,6 +15,7 @@ import numpy as np
 from .activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
 from .anatomy import Head
 from .collocation import gauss
+from .deferred_signals import deferred_interrupts
 from .errors import InputError
 from .head import base_pose
 from .loads import Loads
@@ -23,6 +24,7 @@ from .rotations import directors
 from .statics import Shape, check_controls
 
 
+@deferred_interrupts()
 def tip_jacobian(
     shape: Shape, activation: np.ndarray, head: np.ndarray | tuple[float, float], loads: Loads
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -32,8 +32,9 @@ class Status(enum.Enum):
     UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
     UNVERIFIED = "converged, but the independent check failed"
     INFEASIBLE = "not converged: no motion was found that keeps all bounds"
-    ITERATION_LIMIT = "not converged within the allowed iterations; the best reached is kept"
-    NOT_CONVERGED = "not converged; the best reached is kept"
+    ITERATION_LIMIT = "not converged within the allowed iterations; what was reached is kept"
+    TIME_LIMIT = "not converged by the deadline; what was reached is kept"
+    NOT_CONVERGED = "not converged; what was reached is kept"
     INTERRUPTED = "interrupted; the best so far is kept"
 
     @property
@@ -106,6 +107,8 @@ class Plan:
     near : dict
         Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
         here, rather than near the step before (sequential plans, appendix B).
+    interrupted, late : bool
+        Whether the user, or the deadline, ended it before it was done.
     derivative_seconds : float
         Of `solve_seconds`, those in the objective, the constraints and their derivatives.
     solves : tuple of Solve
@@ -126,6 +129,7 @@ class Plan:
     near: dict[int, np.ndarray] = field(default_factory=dict)
     converged: bool = True
     interrupted: bool = False
+    late: bool = False
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -196,6 +200,8 @@ class Plan:
         """How the plan ended."""
         if self.interrupted:
             return Status.INTERRUPTED
+        if self.late:
+            return Status.TIME_LIMIT
         if not self.converged or len(self.x) < len(self.motion.steps):
             message = self.failure.message if self.failure else ""
             return FAILURES.get(message, Status.NOT_CONVERGED)
@@ -204,6 +210,11 @@ class Plan:
         if not np.all(self.stability.stable):
             return Status.UNSTABLE
         return Status.MISSED if self.missed else Status.SOLVED
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the user or the deadline ended it before it was done."""
+        return self.interrupted or self.late
 
     @property
     def failure(self) -> Solve | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import time
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from .deferred_signals import Deferred, deferred_interrupts
 from .errors import SolverMissingError
 from .reporting import Progress, Reporter
 from .transcription import Window
@@ -48,6 +50,7 @@ CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
 KEPT = "Start_Kept"
 STOPPED = "User_Requested_Stop"
+LATE = "Deadline_Passed"
 FEASIBLE = 1e-6
 """Largest constraint violation, in the transcription's units, of a usable point."""
 PENALTY = 100.0
@@ -65,9 +68,9 @@ class Solve:
     first, last : int
         Time steps solved for, from 1.
     message : str
-        Ipopt's return status.
+        Ipopt's return status, or `LATE`.
     objective, infeasibility : float
-        Of the point that was returned: the best one met if the solve did not converge.
+        Of the point that was returned; see `Optimiser.solve`.
     history : tuple of (objective, primal infeasibility, dual infeasibility)
         One entry for each iteration, the start included.
     violations : tuple of Violation
@@ -109,7 +112,7 @@ class Solve:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solve of a window ended with: the best point met, if it did not converge."""
+    """What one solve of a window ended with; the multipliers are those at `full`."""
 
     full: np.ndarray
     objective: float
@@ -125,8 +128,8 @@ class Outcome:
 
     @property
     def stopped(self) -> bool:
-        """Whether the user ended the solve."""
-        return self.message == STOPPED
+        """Whether the user or the deadline ended the solve."""
+        return self.message in (STOPPED, LATE)
 
 
 @dataclass(frozen=True)
@@ -148,13 +151,15 @@ class Derivatives:
 class Optimiser:
     """Solves windows; keeps the solver of each structure, so that a later one starts at once.
 
-    `ipopt` is one of the sets of options above.
+    `ipopt` is one of the sets of options above. No solve goes on after `deadline`, a time of
+    `time.perf_counter()`.
     """
 
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     reporter: Reporter = field(default_factory=Reporter)
     ipopt: Mapping[str, Any] = field(default_factory=lambda: IPOPT, repr=False)
+    deadline: float = math.inf
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -165,6 +170,11 @@ class Optimiser:
     def __post_init__(self) -> None:
         check_linear_solver(self.linear_solver)
 
+    @property
+    def late(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.perf_counter() > self.deadline
+
     def solve(
         self,
         window: Window,
@@ -172,21 +182,35 @@ class Optimiser:
         stage: str,
         detail: str,
         multipliers: dict[str, ca.DM] | None = None,
+        newest: bool = False,
     ) -> Outcome:
-        """Minimise from a start vector; never raises for lack of convergence."""
+        """Minimise from a start vector; never raises for lack of convergence.
+
+        newest : whether a solve that does not converge returns its last point rather than the
+            best one it met, which may be the start.
+
+        Raises
+        ------
+        BaseException
+            What the reporter, or a handler of Ctrl-C, raised meanwhile.
+        """
         solver, watch = self._solver(window)
-        watch.attend(window, stage, detail, self.reporter)
         began = time.perf_counter()
-        result = solver(x0=start, p=window.parameters, **window.bounds, **(multipliers or {}))
+        with deferred_interrupts() as deferred:
+            watch.attend(window, stage, detail, self.reporter, self.deadline, deferred)
+            result = solver(x0=start, p=window.parameters, **window.bounds, **(multipliers or {}))
         stats = solver.stats()
         self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
         self.derivative_seconds += derivative_seconds(stats)
         message = str(stats["return_status"])
-        point = _point(window, result["x"], float(result["f"]), result["g"])
+        if message == STOPPED and watch.late:
+            message = LATE
+        point = _point(window, [result[ca.nlpsol_out(i)] for i in range(ca.nlpsol_n_out())])
         violated: tuple[Violation, ...] = ()
-        if message not in CONVERGED:  # Ipopt returns its last point, which may be a poor one
-            point = min(point, watch.best or point, key=rank)
+        if message not in CONVERGED:
+            if not newest:
+                point = min(point, watch.best or point, key=rank)
             violated = violations(window, point.full, point.g)
         record = stats.get("iterations", {})  # none where the start already overflows
         entries = (record.get(name, ()) for name in ("obj", "inf_pr", "inf_du"))
@@ -210,7 +234,7 @@ class Optimiser:
             point.infeasibility,
             int(stats["iter_count"]),
             message,
-            {"lam_x0": result["lam_x"], "lam_g0": result["lam_g"]},
+            point.multipliers,
         )
 
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
@@ -246,17 +270,18 @@ class Optimiser:
         key = window.structure
         if key not in self._ready:
             began = time.perf_counter()
-            watch = _Watch(*window.programme.size, window.parameters.size)
             options = {f"ipopt.{name}": value for name, value in self.ipopt.items()} | {
                 "ipopt.linear_solver": self.linear_solver,
                 "ipopt.max_iter": self.max_iterations,
-                "iteration_callback": watch,
                 "print_time": False,
                 "record_time": True,
                 "error_on_fail": False,
                 **window.programme.derivatives(),
             }
-            solver = ca.nlpsol("window", "ipopt", window.programme.nlp(), options)
+            with deferred_interrupts():  # CasADi asks the callback for its size
+                watch = _Watch(*window.programme.size, window.parameters.size)
+                options["iteration_callback"] = watch
+                solver = ca.nlpsol("window", "ipopt", window.programme.nlp(), options)
             self._ready[key] = (solver, watch)
             self.setup_seconds += time.perf_counter() - began
         return self._ready[key]
@@ -270,12 +295,13 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
 
 @dataclass(frozen=True)
 class _Point:
-    """A point of a programme."""
+    """A point of a programme, with its multipliers as a later solve takes them."""
 
     full: np.ndarray
     g: np.ndarray
     objective: float
     infeasibility: float
+    multipliers: dict[str, ca.DM]
 
 
 def rank(point: _Point | Outcome | Solve) -> tuple[bool, float]:
@@ -289,11 +315,14 @@ def rank(point: _Point | Outcome | Solve) -> tuple[bool, float]:
     return not feasible, merit if np.isfinite(merit) else np.inf
 
 
-def _point(window: Window, x: ca.DM, objective: float, g: ca.DM) -> _Point:
+def _point(window: Window, outputs: Sequence[ca.DM]) -> _Point:
+    """A point from what CasADi's solvers and their callbacks tell: x, f, g, lam_x, lam_g, lam_p."""
+    x, objective, g, lam_x, lam_g, _ = outputs
     constraints = np.asarray(g).ravel()
     bounds = window.bounds
     violation = _violation(constraints, bounds["lbg"], bounds["ubg"])
-    return _Point(np.asarray(x).ravel(), constraints, objective, violation)
+    multipliers = {"lam_x0": lam_x, "lam_g0": lam_g}
+    return _Point(np.asarray(x).ravel(), constraints, float(objective), violation, multipliers)
 
 
 class _Watch(ca.Callback):
@@ -311,11 +340,20 @@ class _Watch(ca.Callback):
         }
         self.construct("watch", {})
 
-    def attend(self, window: Window, stage: str, detail: str, reporter: Reporter) -> None:
-        self._window, self._reporter = window, reporter
-        self._stage, self._detail = stage, detail
+    def attend(
+        self,
+        window: Window,
+        stage: str,
+        detail: str,
+        reporter: Reporter,
+        deadline: float,
+        deferred: Deferred,
+    ) -> None:
+        self._window, self._stage, self._detail = window, stage, detail
+        self._reporter, self._deadline, self._deferred = reporter, deadline, deferred
         self._iteration = -1
         self.best: _Point | None = None
+        self.late = False
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())
@@ -333,11 +371,19 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(self._shapes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
-        window = self._window
+        try:
+            stop = self._look(arguments)
+        except BaseException as error:  # lost on its way through CasADi, if it left here
+            self._deferred.error = self._deferred.error or error
+        return [int(self._deferred.error is not None or stop)]
+
+    def _look(self, arguments: Sequence[ca.DM]) -> bool:
+        """Report an iterate; whether it shall be the last."""
+        window, reporter = self._window, self._reporter
         self._iteration += 1
-        point = _point(window, arguments[0], float(arguments[1]), arguments[2])
+        point = _point(window, arguments)
         self.best = min(self.best or point, point, key=rank)
-        self._reporter.iteration(
+        reporter.iteration(
             Progress(
                 self._stage,
                 self._detail,
@@ -348,7 +394,8 @@ class _Watch(ca.Callback):
                 point.infeasibility,
             )
         )
-        return [int(self._reporter.stop)]
+        self.late = time.perf_counter() > self._deadline
+        return bool(reporter.stop or self.late)
 
 
 @cache

@@ -17,6 +17,7 @@ import numpy as np
 from .activation import mean_extension, segment_at, stiffness, strains
 from .anatomy import Trunk, check_activation
 from .collocation import Mesh, gauss, mesh_for
+from .deferred_signals import deferred_interrupts
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
@@ -100,6 +101,7 @@ class Shape:
         return self.mesh.locate(Z)
 
 
+@deferred_interrupts()
 def solve_statics(
     trunk: Trunk,
     activation: np.ndarray,

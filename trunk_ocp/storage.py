@@ -21,6 +21,7 @@ import xarray as xr
 
 from .anatomy import AnatomySpec
 from .collocation import Mesh
+from .deferred_signals import deferred_interrupts
 from .diagnosis import Diagnosis
 from .errors import InputError
 from .files import replacing, write
@@ -53,6 +54,7 @@ UNITS = {
 """Of the numbers in `summary`."""
 
 
+@deferred_interrupts()
 @one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is made if need be; each file whole or not at all.
@@ -150,6 +152,7 @@ def _restore(data: xr.Dataset) -> Plan:
         near=near,
         converged=bool(attributes["converged"]),
         interrupted=bool(attributes["interrupted"]),
+        late=bool(attributes.get("late", 0)),
         iterations=int(attributes["iterations"]),
         setup_seconds=float(attributes["seconds_setup"]),
         solve_seconds=float(attributes["seconds_solve"]),
@@ -342,6 +345,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "weight_rate": plan.weights.rate,
         "converged": int(plan.converged),
         "interrupted": int(plan.interrupted),
+        "late": int(plan.late),
         "iterations": plan.iterations,
         "seconds_setup": plan.setup_seconds,
         "seconds_solve": plan.solve_seconds,

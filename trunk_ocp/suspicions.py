@@ -16,7 +16,7 @@ import numpy as np
 from .activation import strain_matrix
 from .anatomy import AnatomySpec
 from .loads import mass_beyond
-from .problem_file import LimitsSpec, LoadsSpec, PhaseSpec, ProblemSpec
+from .problem_file import LimitsSpec, LoadsSpec, PhaseSpec
 
 if TYPE_CHECKING:
     from .motion import Motion, Step

@@ -7,7 +7,9 @@ threads gain nothing, and often cost.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from functools import cache
 
 import casadi as ca
@@ -23,11 +25,36 @@ class _CasadiBlas(OpenBLASController):
 register(_CasadiBlas)
 
 
+@dataclass
+class _Limit:
+    """What is in force while any block of `one_thread` runs, in whatever thread."""
+
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    blocks: int = 0
+    restore: Callable[[], None] = lambda: None
+
+
+_limit = _Limit()
+
+
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Block, or function, in which BLAS has one thread, whatever the environment says."""
-    with _libraries().limit(limits=1, user_api="blas"):
+    """Block, or function, in which BLAS has one thread, whatever the environment says.
+
+    The number of threads belongs to the process: blocks may overlap in several threads, and the
+    last one to end restores what the first one found.
+    """
+    with _limit.lock:
+        if not _limit.blocks:
+            _limit.restore = _libraries().limit(limits=1, user_api="blas").restore_original_limits
+        _limit.blocks += 1
+    try:
         yield
+    finally:
+        with _limit.lock:
+            _limit.blocks -= 1
+            if not _limit.blocks:
+                _limit.restore()
 
 
 @cache

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 
 from .activation import intrinsic_strain, mean_extension, stiffness, strains
 from .anatomy import Trunk
+from .deferred_signals import deferred_interrupts
 from .head import base_pose
 from .loads import Loads, mass_beyond
 from .motion import Motion, allowed
@@ -103,6 +104,7 @@ def _nan_high(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.inf, values)
 
 
+@deferred_interrupts()
 @one_thread()
 def verify(
     motion: Motion,

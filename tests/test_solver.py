@@ -1,0 +1,183 @@
+"""What ends a solve from outside: Ctrl-C, a reporter, a deadline, other threads."""
+
+import contextlib
+import signal
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info
+
+import trunk_ocp as to
+from trunk_ocp.deferred_signals import deferred_interrupts
+from trunk_ocp.planner import Options, Pass, State
+from trunk_ocp.solver import Optimiser, Outcome, Solve
+from trunk_ocp.threads import one_thread
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return to.load_motion("lift-log")
+
+
+@pytest.fixture(scope="module")
+def plan(motion):
+    return to.plan_motion(motion)
+
+
+class Interrupting(to.Reporter):
+    """Sends Ctrl-C to its own process at the given iteration."""
+
+    def __init__(self, at: int) -> None:
+        self.left = at
+
+    def iteration(self, progress: to.Progress) -> None:
+        self.left -= 1
+        if self.left == 0:
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("at", [1, 2, 30, 60, 71])
+def test_an_interrupt_reaches_the_caller(motion, at):
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        to.plan_motion(motion, reporter=Interrupting(at))
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_interrupts_at_any_moment(motion):
+    """Ctrl-C from another thread, wherever the solve is: it is raised, or the plan says so."""
+    outcomes = []
+    for wait in np.linspace(0.02, 0.5, 6):
+        timer = threading.Timer(wait, signal.raise_signal, [signal.SIGINT])
+        timer.start()
+        try:
+            plan = to.plan_motion(motion, 1)
+            timer.cancel()
+            timer.join()
+            outcomes.append(plan.status)
+        except KeyboardInterrupt:
+            outcomes.append("interrupt")
+        with contextlib.suppress(KeyboardInterrupt):
+            timer.join()
+    assert set(outcomes) <= {"interrupt", to.Status.SOLVED}
+    assert outcomes[0] == "interrupt"
+
+
+def test_what_a_reporter_raises_reaches_the_caller(motion):
+    class Faulty(to.Reporter):
+        def iteration(self, progress):
+            raise ZeroDivisionError("of mine")
+
+    with pytest.raises(ZeroDivisionError, match="of mine"):
+        to.plan_motion(motion, reporter=Faulty())
+
+
+def test_a_handler_that_does_not_raise_runs_as_ever():
+    came = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    try:
+        with deferred_interrupts() as deferred:
+            signal.raise_signal(signal.SIGINT)
+            assert came == [signal.SIGINT]
+            assert deferred.error is None
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_deadline_ends_a_plan_and_says_so(motion):
+    plan = to.plan_motion(motion, deadline=1e-3, throw=False)
+    assert plan.status is to.Status.TIME_LIMIT
+    with pytest.raises(to.PlanError, match="deadline"):
+        to.plan_motion(motion, deadline=1e-3)
+    for wrong in (0, -1.0, "soon", float("nan"), True):
+        with pytest.raises(to.InputError, match="deadline"):
+            to.plan_motion(motion, deadline=wrong)
+
+
+def test_a_deadline_ends_a_replan_for_a_target_out_of_reach(motion, plan):
+    again = to.Replanner(plan)
+    far = again(motion.shifted((2.0, 0.0, 0.0)), throw=False, deadline=0.2)
+    assert far.status is to.Status.TIME_LIMIT
+    near = again(motion.shifted((0.0, 0.0, 0.001)), throw=False)  # the deadline does not stick
+    assert near.converged
+
+
+def test_a_replan_cut_short_is_its_newest_iterate(motion, plan):
+    """Two iterations nearly reach a target that moved by 2 cm; the old plan is not returned."""
+    moved = motion.shifted((0.0, 0.02, 0.0))
+    full = to.Replanner(plan)(moved)
+    few = to.Replanner(plan, to.Options(max_iterations=2))(moved, throw=False)
+    assert few.status is to.Status.ITERATION_LIMIT
+    assert few.objective.total == pytest.approx(full.objective.total, rel=0.02)
+    old = replace(plan, motion=moved)
+    assert old.objective.total > 2 * full.objective.total
+
+
+def test_multipliers_belong_to_the_point_that_is_returned(plan):
+    """A solve cut short returns the best point it met as a solve would that ended there."""
+    motion, count = plan.motion, len(plan.motion.steps)
+
+    def cut(most: int, newest: bool = False) -> tuple[Outcome, Solve]:
+        optimiser = Optimiser(max_iterations=most)
+        work = Pass(motion, plan.mesh, "horizon", count, Options(), optimiser)
+        window = work.window(0, motion.steps, State())
+        start = work.packed(window, np.zeros_like(plan.x))
+        return optimiser.solve(window, start, "horizon", "few", newest=newest), optimiser.solves[-1]
+
+    for most in range(18, 40):
+        best, record = cut(most)
+        objectives = np.array([objective for objective, _, _ in record.history])
+        at = int(np.argmin(np.abs(objectives - best.objective)))
+        if 0 < at < most:  # the best is neither the start nor the newest
+            break
+    assert 0 < at < most
+    ended, _ = cut(at, newest=True)
+    np.testing.assert_array_equal(best.full, ended.full)
+    for name in ("lam_x0", "lam_g0"):
+        np.testing.assert_array_equal(best.multipliers[name], ended.multipliers[name])
+
+
+def test_threads_take_turns_with_a_replanner(motion, plan):
+    again = to.Replanner(plan)
+
+    def ask(n: int) -> to.Plan:
+        return again(motion.shifted((0.0, 0.001 * n, 0.0)), throw=False)
+
+    with ThreadPoolExecutor(4) as pool:
+        plans = list(pool.map(ask, range(6)))
+    alone = to.Replanner(plan)
+    for n, found in enumerate(plans):
+        assert found.converged
+        assert found.verified
+        expected = alone(motion.shifted((0.0, 0.001 * n, 0.0)), throw=False)
+        assert found.objective.total == pytest.approx(expected.objective.total, rel=1e-4)
+
+
+def test_overlapping_blocks_of_one_thread_restore_blas():
+    def threads() -> list[int]:
+        return [lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"]
+
+    before = threads()
+    first, second = one_thread(), one_thread()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert set(threads()) == {1}
+    second.__exit__(None, None, None)
+    assert threads() == before
+
+
+def test_plans_in_several_threads(motion):
+    with ThreadPoolExecutor(3) as pool:
+        plans = list(pool.map(lambda _: to.plan_motion(motion, 1), range(3)))
+    for found in plans[1:]:
+        np.testing.assert_array_equal(found.x, plans[0].x)
+
+
+def test_a_plan_of_a_part_is_marked(plan):
+    late = replace(plan, late=True)
+    assert late.status is to.Status.TIME_LIMIT
+    assert late.status.exit_code == 3
