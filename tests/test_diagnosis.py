@@ -111,6 +111,7 @@ def ends(tmp_path_factory):
         Status.ITERATION_LIMIT: plan_motion(
             motion(POINT), options=Options(max_iterations=4), throw=False
         ),
+        Status.TIME_LIMIT: plan_motion(solved.motion, start=solved, deadline=1e-6, throw=False),
         Status.NOT_CONVERGED: recorded(solved, record("Restoration_Failed")),
         Status.INTERRUPTED: plan_motion(
             first_steps("lift-log", 3), 1, reporter=Stop(60), throw=False
@@ -421,6 +422,7 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
         (Status.INFEASIBLE, ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraints off by"]),
         (Status.ITERATION_LIMIT, ["--max-iterations", "slope left"]),
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
+        (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),
     ],
 )
