@@ -9,46 +9,25 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import time
-import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .collocation import Mesh
+from .checkpoint_file import COUNTERS, Stage, read_stages
 from .errors import InputError
 from .files import write
 from .motion import Motion
 from .planner import Options, Pass, State
 from .provenance import fingerprint, plain, versions
 from .solution import Plan
-from .solver import Solve
-from .targets import Held
 
 FILE = "resume.npz"
-COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 WORTH_LASTING = 1.0  # s of work that are worth the wait for a disk, lest a power cut take them
 SHOWN = 3  # changes told one by one
-
-
-@dataclass
-class Stage:
-    """A pass as far as it has come: how it was made, what it has decided, what it has cost.
-
-    previous : (H, muscles + 2), unknowns of the last window; None before the first.
-    failed : the solves that did not converge; records of the others are not kept.
-    """
-
-    mode: str
-    mesh: Mesh
-    state: State
-    previous: np.ndarray | None
-    counters: dict[str, float]
-    failed: list[Solve] = field(default_factory=list)
 
 
 class Checkpoint:
@@ -108,7 +87,7 @@ class Checkpoint:
                 "without --resume to start anew."
             )
         newest = self._newer if self._newer.exists() else self.path
-        found, seconds, self._found = _read(newest)
+        found, seconds, self._found = read_stages(newest, motion, options)
         changes = _changes(found, identity)
         if changes:
             raise InputError(
@@ -130,13 +109,15 @@ class Checkpoint:
         stage = Stage(work.mode, work.mesh, State(), None, {})
         if number < len(self._found):
             stage = self._found[number]
-            if (stage.mode, stage.mesh) != (work.mode, work.mesh):
+            window = min(work.lookahead, len(work.motion.steps))
+            ahead = window if stage.previous is None else len(stage.previous)
+            if (stage.mode, stage.mesh, ahead) != (work.mode, work.mesh, window):
                 raise InputError(
                     f"{self.path}: has other passes than this plan; expected those of an "
                     "unfinished run of it. Run without --resume to start anew."
                 )
-            for name, value in stage.counters.items():
-                setattr(work.optimiser, name, value)
+            for name in COUNTERS:
+                setattr(work.optimiser, name, stage.counters.get(name, 0))
             work.optimiser.solves[:] = stage.failed
         self._stages.append(stage)
         return stage.state, stage.previous
@@ -230,6 +211,8 @@ def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, list | dict) and len(value) > 10:
+        return f"{len(value)} entries"
     text = json.dumps(value)
     return text if len(text) <= 40 else text[:37] + "..."
 
@@ -262,51 +245,3 @@ def _arrays(stage: Stage) -> dict[str, np.ndarray]:
     return {name: np.array(rows) for name, rows in lists.items() if rows} | {
         name: array for name, array in optional.items() if array is not None
     }
-
-
-def _read(path: Path) -> tuple[dict[str, Any], float, list[Stage]]:
-    """Identity, seconds spent and stages of a file.
-
-    Raises
-    ------
-    InputError
-        If it is damaged.
-    """
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as data:
-            identity, progress = (json.loads(data[n].tobytes()) for n in ("identity", "progress"))
-            values = iter(data["values"])
-        stages = [_stage(told, values) for told in progress["stages"]]
-        seconds = float(progress["seconds"])
-    except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(
-            f"{path}: cannot be read as an unfinished run ({error}); run without --resume to "
-            "start anew."
-        ) from None
-    return identity, seconds, stages
-
-
-def _stage(told: dict[str, Any], values: Iterator[float]) -> Stage:
-    """A stage, whose arrays are the next of all values."""
-    arrays = {
-        name: np.fromiter(values, float, math.prod(shape)).reshape(shape)
-        for name, shape in told["shapes"].items()
-    }
-    rows = {name: list(array) for name, array in arrays.items()}
-    held = [Held(step, Z, director) for step, Z, director in told["held"]]
-    return Stage(
-        told["mode"],
-        Mesh(tuple(told["mesh"]["edges"]), told["mesh"]["degree"]),
-        State(
-            x=rows["x"],
-            tip_forces=rows["tip_forces"],
-            states=rows["states"],
-            held=dict(zip(held, rows.get("held", []), strict=True)),
-            auxiliary=arrays.get("auxiliary"),
-            near=dict(zip(told["near"], rows.get("near", []), strict=True)),
-            converged=told["converged"],
-        ),
-        arrays.get("previous"),
-        told["counters"],
-        [Solve.restored(record) for record in told["failed"]],
-    )

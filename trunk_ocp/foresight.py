@@ -25,6 +25,7 @@ from .planner import Options, plan_from, plan_motion
 from .reporting import Reporter
 from .solution import Plan
 from .transcription import Weights
+from .variants import unaided_spec
 
 TRACKING_ONLY = Weights(effort=1e-7, rate=0.0)
 """The paper's cost, made well-posed.
@@ -41,7 +42,8 @@ ALIKE = 1e-6
 
 def equal_bounds(motion: Motion) -> Motion:
     """The motion without auxiliary problems: every lookahead then has the horizon's bounds."""
-    return replace(motion, steps=tuple(replace(s, auxiliary=None) for s in motion.steps))
+    steps = tuple(replace(s, auxiliary=None) for s in motion.steps)
+    return replace(motion, spec=unaided_spec(motion.spec), steps=steps)
 
 
 @dataclass(frozen=True)

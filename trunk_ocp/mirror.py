@@ -13,8 +13,9 @@ import numpy as np
 from .anatomy import Trunk
 from .errors import InputError
 from .loads import Loads, Vector, vector
-from .motion import Box, Motion, Step
+from .motion import Box, Motion, Step, as_built, build_motion
 from .targets import Direction, Held, Target
+from .variants import mirrored_spec
 
 REFLECT = np.array([1.0, -1.0, 1.0])
 
@@ -47,9 +48,20 @@ def mirrored_unknowns(trunk: Trunk, x: np.ndarray) -> np.ndarray:
 
 
 def mirrored_motion(motion: Motion) -> Motion:
-    """The same motion to the other side: targets, loads and bounds."""
+    """The same motion to the other side: targets, loads and bounds.
+
+    Raises
+    ------
+    InputError
+        If the trunk is not its own mirror image.
+    """
+    mirror_order(motion.trunk)
+    spec = mirrored_spec(motion.spec, motion.trunk.muscles)
+    if as_built(motion):
+        return replace(build_motion(spec, motion.anatomy), warnings=motion.warnings)
     return replace(
         motion,
+        spec=spec,
         steps=tuple(_step(motion.trunk, step) for step in motion.steps),
         box=_box(motion.trunk, motion.box),
     )

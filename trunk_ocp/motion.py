@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +21,10 @@ from .problem_file import (
     ProblemSpec,
 )
 from .reading import is_file, read_toml, shipped
-from .statics import Shape, solve_statics
+from .statics import solve_statics
 from .suspicions import suspicions
 from .targets import Held, Target, check_earlier, phase_targets
+from .variants import limited_spec, shifted_spec
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
 REFERENCE_LENGTH = 1.75
@@ -128,16 +129,31 @@ class Motion:
         """Factor of a position error in the objective: `REFERENCE_LENGTH` over the trunk's."""
         return REFERENCE_LENGTH / self.trunk.length
 
+    @cached_property
+    def _asks_what_its_spec_does(self) -> bool:
+        return [step.targets for step in self.steps] == all_targets(self.spec, self.trunk)
+
     def shifted(self, offset: Vector) -> Motion:
-        """The same motion with every target position moved by `offset` (3,) in m."""
+        """The same motion with every target position moved by `offset` (3,) in m.
+
+        Raises
+        ------
+        InputError
+            If the offset is not three finite numbers.
+        """
+        spec = shifted_spec(self.spec, offset)
 
         def moved(target: Target) -> Target:
             if target.position is None:
                 return target
             return replace(target, position=vector(np.add(target.position, offset)))
 
-        steps = (replace(s, targets=tuple(moved(t) for t in s.targets)) for s in self.steps)
-        return replace(self, steps=tuple(steps))
+        targets = [tuple(moved(target) for target in step.targets) for step in self.steps]
+        # To the last bit as it would be built, unless somebody has changed the built steps.
+        if self._asks_what_its_spec_does:
+            targets = all_targets(spec, self.trunk)
+        steps = (replace(s, targets=t) for s, t in zip(self.steps, targets, strict=True))
+        return replace(self, spec=spec, steps=tuple(steps))
 
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
         """The same motion with weaker or slower muscles; its own narrower bounds stay.
@@ -161,7 +177,7 @@ class Motion:
                 raise InputError(f"{name} = {value:g}: expected a limit above 0.")
         most = math.inf if activation is None else activation
         fastest = math.inf if rate is None else rate
-        steps = (
+        steps = tuple(
             replace(
                 step,
                 box=_narrowed(step.box, most, self.trunk),
@@ -169,7 +185,8 @@ class Motion:
             )
             for step in self.steps
         )
-        return replace(self, steps=tuple(steps), box=_narrowed(self.box, most, self.trunk))
+        box = _narrowed(self.box, most, self.trunk)
+        return replace(self, spec=limited_spec(self.spec, most, fastest), steps=steps, box=box)
 
     @cached_property
     def held(self) -> tuple[Held, ...]:
@@ -261,13 +278,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         directions held from a step that is not earlier.
     """
     trunk = build_trunk(anatomy)
-    passive_tip = np.zeros(3)
-    if any(
-        part.origin == "passive-tip" for p in spec.phases for part in (*p.targets, p.wrap) if part
-    ):
-        rest = _passive(trunk, spec.gravity)
-        passive_tip = rest.position(np.array([trunk.length]))[0]
-    origins = {"base": np.zeros(3), "passive-tip": passive_tip}
+    targets = all_targets(spec, trunk)
     whole = _box(trunk, spec.bounds, None, "bounds")
     steps: list[Step] = []
     phases: list[Phase] = []
@@ -282,7 +293,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                     time=start + phase.duration * i / phase.steps,
                     duration=phase.duration / phase.steps,
                     phase=number,
-                    targets=phase_targets(phase, i, trunk, origins, first, where),
+                    targets=targets[first],
                     loads=_loads(phase.loads, spec.gravity, trunk, where),
                     pull=_pull(phase.loads, i / phase.steps, trunk, first, where),
                     box=box,
@@ -296,10 +307,53 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
 
 
-def _passive(trunk: Trunk, gravity: float) -> Shape:
-    """Shape of the trunk at rest under its own weight."""
+def as_built(motion: Motion) -> bool:
+    """Whether a motion is what its spec and anatomy build, and not changed by hand since."""
     try:
-        return solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
+        built = build_motion(motion.spec, motion.anatomy)
+    except InputError:
+        return False
+    names = ("trunk", "phases", "steps", "extension", "box")
+    return all(_same(getattr(motion, name), getattr(built, name)) for name in names)
+
+
+def _same(a: object, b: object) -> bool:
+    """Equality of dataclasses and tuples with arrays in them."""
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and np.array_equal(a, b)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if is_dataclass(a) and type(a) is type(b):
+        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    return a == b
+
+
+def all_targets(spec: ProblemSpec, trunk: Trunk) -> list[tuple[Target, ...]]:
+    """Targets of every time step, with numbers in place of paths and arcs.
+
+    Raises
+    ------
+    InputError
+        For points off the trunk, or directions held from a step that is not earlier.
+    """
+    origins = {"base": np.zeros(3), "passive-tip": np.zeros(3)}
+    parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
+    if any(part.origin == "passive-tip" for part in parts):
+        origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
+    found: list[tuple[Target, ...]] = []
+    for number, phase in enumerate(spec.phases, 1):
+        for i in range(1, phase.steps + 1):
+            where = f"phases[{number}]"
+            found.append(phase_targets(phase, i, trunk, origins, len(found), where))
+    return found
+
+
+@lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
+def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
+    """Where the tip of the trunk at rest is under its own weight, m."""
+    try:
+        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
+        return vector(rest.position(np.array([trunk.length]))[0])
     except StaticsError as error:
         raise InputError(
             'origin = "passive-tip": the passive trunk does not hold its own weight '

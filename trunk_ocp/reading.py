@@ -29,6 +29,26 @@ LONGEST_WORD = 60
 """Characters of a value that are shown, and of a key that may be a misspelt one."""
 
 
+_OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories of what a terminal obeys or hides
+
+
+def printable(text: str, lines: bool = False) -> str:
+    """A text from anywhere with what a terminal would obey written out as escapes.
+
+    lines : whether it may have several lines.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        c if (lines and c == "\n") or unicodedata.category(c) not in _OBEYED else _escaped(c)
+        for c in text
+    )
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
+
+
 def _sized(value: float) -> float:
     if value and not SMALLEST <= abs(value) <= LARGEST:
         raise ValueError(f"expected 0 or a size from {SMALLEST:g} to {LARGEST:g}, in SI units")
@@ -37,7 +57,7 @@ def _sized(value: float) -> float:
 
 def _printable(text: str) -> str:
     """A text without what a terminal would obey rather than show."""
-    if any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") for c in text):
+    if any(unicodedata.category(c) in _OBEYED for c in text):
         raise ValueError("expected a line of text without control characters")
     return text
 

@@ -43,6 +43,9 @@ class Status(enum.Enum):
         return {Status.SOLVED: 0, Status.INTERRUPTED: 4}.get(self, 3)
 
 
+MODES = ("sequential", "horizon", "receding")
+"""Ways to plan."""
+
 FAILURES = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,

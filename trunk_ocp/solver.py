@@ -87,13 +87,6 @@ class Solve:
     history: tuple[tuple[float, float, float], ...]
     violations: tuple[Violation, ...] = ()
 
-    @classmethod
-    def restored(cls, record: Mapping[str, Any]) -> Solve:
-        """A solve from what `asdict` and JSON make of one."""
-        history = tuple(tuple(entry) for entry in record["history"])
-        violated = tuple(Violation(**entry) for entry in record["violations"])
-        return cls(**{**record, "history": history, "violations": violated})
-
     @property
     def what(self) -> str:
         """What was solved, wherever it started from."""

@@ -19,27 +19,23 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from .anatomy import AnatomySpec
-from .collocation import Mesh
 from .deferred_signals import deferred_interrupts
 from .diagnosis import Diagnosis
 from .errors import InputError
 from .files import replacing, write
-from .motion import build_motion
-from .problem_file import ProblemSpec
+from .motion import as_built
+from .netcdf import read_netcdf
 from .provenance import fingerprint
-from .reading import read_bytes
-from .rod import STATES
-from .solution import Plan, Status, loads_of
-from .solver import Solve
-from .statics import check_mesh, shape_of_states
+from .reading import printable, read_bytes
+from .restoring import check_size, restored
+from .solution import Plan, Status
 from .threads import one_thread
-from .transcription import Weights
 
+SOLUTION = "solution.nc"
 POINTS = 101
-LARGEST_FILE = 1_000_000_000
-"""Bytes; ten times a plan of as many steps as a motion may have."""
-MODES = ("sequential", "horizon", "receding")
+LARGEST_FILE = 100_000_000
+"""Bytes; twice a plan of as many steps as a motion may have."""
+LONGEST_REASON = 500  # characters of what is wrong with a file
 UNITS = {
     "time": "s",
     "seconds": "s of wall time",
@@ -62,17 +58,35 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     Raises
     ------
     InputError
-        If the plan has no time steps, or a file cannot be written there.
+        If the plan has no time steps, a file cannot be written there, or `load_plan` could not
+        bring it back: its motion is not what its spec and anatomy build.
     """
-    if not len(plan.x):
-        raise InputError(f"{plan.motion.name}: the plan has no time steps; nothing to save.")
+    _check_saving(plan)
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
     report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
     write(folder / "activations.csv", _activations(plan))
-    with replacing(folder / "solution.nc") as path:
+    with replacing(folder / SOLUTION) as path:
         labelled.to_netcdf(path, engine="scipy")
     write(folder / "summary.json", report)
+
+
+def _check_saving(plan: Plan) -> None:
+    """Raise InputError for a plan that could not be read back as the plan it is."""
+    name = plan.motion.name
+    if not len(plan.x):
+        raise InputError(f"{name}: the plan has no time steps; nothing to save.")
+    if not as_built(plan.motion):
+        raise InputError(
+            f"{name}: the motion was changed by hand after it was built from its spec and anatomy, "
+            "so the file would have another motion than was planned; expected one that load_motion "
+            "or build_motion returned, or changed by shifted(), limited(), mirrored_motion(). Edit "
+            "its spec, build_motion(spec, anatomy), and plan that."
+        )
+    try:
+        check_size(plan.mesh)
+    except InputError as error:
+        raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
 
 
 def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
@@ -82,7 +96,7 @@ def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
 
 
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:
-    """Read a plan that `save_plan` wrote.
+    """Read a plan that `save_plan` wrote, from its folder or from the solution.nc in it.
 
     throw : False to get a plan that is not solved as well: look at its `status`.
 
@@ -93,95 +107,17 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     InputError
         If the folder has no readable solution.nc.
     """
-    path = Path(folder) / "solution.nc"
+    path = Path(folder)
+    path = path if path.name == SOLUTION and not path.is_dir() else path / SOLUTION
     try:
-        content = read_bytes(path, LARGEST_FILE)
-        plan = _restore(xr.load_dataset(io.BytesIO(content), engine="scipy"))
+        plan = restored(read_netcdf(read_bytes(path, LARGEST_FILE)))
     except Exception as error:  # a damaged file breaks its readers in ways of their own
+        reason = printable(f"{error}")
+        reason = reason if len(reason) <= LONGEST_REASON else reason[:LONGEST_REASON] + "..."
         raise InputError(
-            f"{path}: cannot be read as a plan ({error}); expected a file written by solve-motion."
+            f"{path}: cannot be read as a plan ({reason}); expected a file written by solve-motion."
         ) from None
     return plan.checked() if throw else plan
-
-
-def _restore(data: xr.Dataset) -> Plan:
-    """The plan that `dataset` turned into labelled arrays.
-
-    The file may claim anything: shapes and labels must fit its problem. Whether its numbers
-    solve it is no claim of the file; `Plan.status` finds out.
-    """
-    attributes = data.attrs
-    motion = build_motion(
-        ProblemSpec.model_validate_json(attributes["problem_json"]),
-        AnatomySpec.model_validate_json(attributes["anatomy_json"]),
-    )
-    for name, part in (("problem", motion.spec), ("anatomy", motion.anatomy)):
-        if attributes[f"{name}_sha256"] != fingerprint(part):
-            raise InputError(f"its {name} was changed after the plan was made")
-    muscles = motion.trunk.muscles
-    planned = data.sizes["time"]
-    if planned > len(motion.steps) or (muscles and tuple(data["muscle"].values) != muscles):
-        raise InputError("its time steps or muscles are not those of its problem")
-    x = _unknowns(data, "", planned, len(muscles))
-    states = _numbers(data, "state", planned, None, None, STATES)
-    edges = _numbers(data, "edge", states.shape[1] + 1)
-    mesh = Mesh(tuple(edges.tolist()), states.shape[2] - 1)
-    near: dict[int, np.ndarray] = {}
-    if "near_step" in data:
-        numbers = (data["near_step"].values - 1).tolist()
-        if not set(numbers) <= set(range(planned)):
-            raise InputError("near_step: expected numbers of planned time steps")
-        rows = _unknowns(data, "near_", len(numbers), len(muscles))
-        near = dict(zip(map(int, numbers), rows, strict=True))
-    tip_forces = _numbers(data, "tip_force", planned, 3)
-    loads = loads_of(motion, tip_forces)
-    check_mesh(mesh, motion.trunk, loads)
-    notes = json.loads(attributes["notes_json"])
-    if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
-        raise InputError("notes_json: expected a list of sentences")
-    if attributes["plan_mode"] not in MODES or not attributes["lookahead"] >= 1:
-        raise InputError("plan_mode, lookahead: expected those of a plan")
-    return Plan(
-        motion=motion,
-        x=x,
-        tip_forces=tip_forces,
-        shape=shape_of_states(motion.trunk, mesh, x, loads, states),
-        mode=str(attributes["plan_mode"]),
-        lookahead=int(attributes["lookahead"]),
-        weights=Weights(float(attributes["weight_effort"]), float(attributes["weight_rate"])),
-        near=near,
-        converged=bool(attributes["converged"]),
-        interrupted=bool(attributes["interrupted"]),
-        late=bool(attributes.get("late", 0)),
-        iterations=int(attributes["iterations"]),
-        setup_seconds=float(attributes["seconds_setup"]),
-        solve_seconds=float(attributes["seconds_solve"]),
-        derivative_seconds=float(attributes["seconds_derivatives"]),
-        total_seconds=float(attributes["seconds_total"]),
-        notes=tuple(notes),
-        solves=tuple(Solve.restored(record) for record in json.loads(attributes["solves_json"])),
-        versions=json.loads(attributes.get("versions_json", "{}")),
-        options=json.loads(attributes.get("options_json", "{}")),
-    )
-
-
-def _unknowns(data: xr.Dataset, prefix: str, rows: int, muscles: int) -> np.ndarray:
-    """Activations and head angles (rows, muscles + 2)."""
-    activation = np.zeros((rows, 0))
-    if muscles:  # an array of length 0 is left out of the file
-        activation = _numbers(data, f"{prefix}activation", rows, muscles)
-    return np.hstack([activation, _numbers(data, f"{prefix}head", rows, 2)])
-
-
-def _numbers(data: xr.Dataset, name: str, *shape: int | None) -> np.ndarray:
-    """An array of real numbers of a shape, of which None fits any length."""
-    values = data[name].values
-    fits = values.ndim == len(shape) and all(
-        n in (None, size) for n, size in zip(shape, values.shape, strict=True)
-    )
-    if not fits or values.dtype.kind != "f":
-        raise InputError(f"{name}: expected numbers of shape {shape}, got {values.shape}")
-    return np.asarray(values, dtype=float)
 
 
 def summary(plan: Plan) -> dict[str, Any]:

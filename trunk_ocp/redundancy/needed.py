@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..motion import Box, Motion
 from ..planner import Options, plan_motion
 from ..solution import Plan
+from ..variants import silenced_spec
 from .variants import can_be_off, least_cost
 
 CHEAP = 1.01
@@ -150,7 +151,8 @@ def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
         return Box(lower, upper)
 
     steps = tuple(replace(step, box=silenced(step.box)) for step in motion.steps)
-    return replace(motion, steps=steps, box=silenced(motion.box))
+    spec = silenced_spec(motion.spec, muscles)
+    return replace(motion, spec=spec, steps=steps, box=silenced(motion.box))
 
 
 def pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:
