@@ -6,7 +6,7 @@ import { Clock } from "./clock.js";
 import { Stage } from "./stage.js";
 import { Plots, short } from "./plots.js";
 import {
-  PARTS, SIDES, addBoxes, addMuscleChoices, byId, drawLegend, listenToKeys,
+  PARTS, SIDES, addBoxes, addMuscleChoices, byId, drawLegend, listenToKeys, stopsOf,
 } from "./controls.js";
 
 const payload = readPayload();
@@ -35,7 +35,7 @@ function start() {
   stage = openStage();
   if (stage) addLabels();
   listenToBar();
-  listenToKeys(clock, plans[0].steps, keys());
+  listenToKeys(clock, stopsOf(plans[0]), keys());
   dress();
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
   document.body.dataset.ready = "yes";
