@@ -22,6 +22,7 @@ from ..errors import StaticsError
 from ..geometry import frames, outline
 from ..head import base_pose
 from ..interpolation import with_marks
+from ..motion import Motion
 from ..rotations import about_y, about_z, directors, product
 from ..solution import Plan, Sample, Status
 from ..statics import Shape
@@ -57,6 +58,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
         # With all their digits: on which side of a jump a time is must not depend on rounding.
         "times": [sample.time for sample in samples],
         "jumps": list(plan.jumps),
+        "held": _held(motion, [sample.time for sample in samples]),
         "steps": [float(t) for t in motion.times[: len(plan.x)]],
         "phases": [{"name": phase.name, "end": phase.end} for phase in motion.phases],
         "trunk": _trunk(trunk, grid),
@@ -96,6 +98,16 @@ def _samples(plan: Plan) -> list[Sample]:
             with contextlib.suppress(StaticsError):
                 samples.append(plan.sample(t, after=after))
     return samples
+
+
+def _held(motion: Motion, times: Sequence[float]) -> list[bool]:
+    """Whether the trunk keeps still from each sample to the next, and then jumps."""
+    ends = [phase.end for phase in motion.phases[:-1]]
+    middles = (np.array(times[:-1]) + np.array(times[1:])) / 2
+    return [
+        motion.phases[number].interpolation == "none"
+        for number in np.searchsorted(ends, middles).tolist()
+    ]
 
 
 def _stacked(shapes: list[Shape]) -> Shape:

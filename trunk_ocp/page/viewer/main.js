@@ -177,7 +177,7 @@ function placeLabels(time) {
     const { x, y, width } = stage.views[i];
     label.style.transform = `translate(${x}px, ${y}px)`;
     label.style.maxWidth = `${width}px`;
-    const instant = instantAt(plan.times, time);
+    const instant = instantAt(plan, time);
     const [z, about] = [0, 1].map((k) => (mixed(plan.head, 2, k, instant) * 180) / Math.PI);
     setText(label.lastChild, `head: \u03c8Z ${degrees(z)}, \u03c8Y ${degrees(about)}`);
   });
