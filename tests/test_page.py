@@ -294,6 +294,61 @@ def test_two_plans_move_side_by_side_in_step(visit, pages):
         assert tip == pytest.approx(expected, abs=2e-3)  # between samples
 
 
+def tip_and_fruit(tab):
+    """Where the page has the tip and the middle of the fruit, in the model's axes."""
+    settled(tab)
+    return np.array(
+        tab.evaluate(
+            """() => {
+              const scene = trunkPage.stage.scenes[0];
+              const fruit = scene.objects[0];
+              return [[...scene.sections.position.slice(-3)], fruit.position.toArray()];
+            }"""
+        )
+    )
+
+
+def test_the_page_shows_both_sides_of_a_jump_and_nothing_in_between(visit, pages):
+    tab, plan = visit(pages["fruit"]), planned("pick-fruit", "sequential")
+    (jump,) = plan.jumps
+    before, after = (
+        plan.sample(jump, after=side).shape.position([1.75])[0] for side in (False, True)
+    )
+    waiting = np.add(before, (0, 0, -fruit_radius(plan)))  # up, where the tip points
+    for t in (jump - 0.03, jump - 1e-4, jump):
+        tab.evaluate("t => trunkPage.seek(t)", t)
+        tip, fruit = tip_and_fruit(tab)
+        assert tip == pytest.approx(before, abs=1e-4)  # as at every step of the pull
+        assert fruit == pytest.approx(waiting, abs=2e-3)
+    assert tab.locator("#phase").inner_text() == "pull"
+    tab.keyboard.press("Shift+ArrowRight")
+    tip, fruit = tip_and_fruit(tab)
+    assert tab.locator("#phase").inner_text() == "eat"
+    assert tip == pytest.approx(after, abs=1e-4)
+    assert np.linalg.norm(fruit - tip) == pytest.approx(fruit_radius(plan), abs=1e-4)
+    tab.keyboard.press("Shift+ArrowLeft")
+    assert tab.evaluate("trunkPage.clock.time") == jump
+    assert tip_and_fruit(tab)[0] == pytest.approx(before, abs=1e-4)
+
+
+def fruit_radius(plan):
+    return payload([plan])["plans"][0]["objects"][0]["radius"]
+
+
+def test_the_page_holds_what_a_phase_holds(visit, pages):
+    tab, plan = visit(pages["fruit"]), planned("pick-fruit", "sequential")
+    changes = np.abs(np.diff(plan.activations[:21], axis=0))
+    step, muscle = np.unravel_index(changes.argmax(), changes.shape)
+    assert changes[step, muscle] > 3e-3  # the page writes three decimals
+    start, end = plan.motion.times[step : step + 2]
+    tab.evaluate("name => trunkPage.select(name)", plan.motion.trunk.muscles[muscle])
+    for t, at in ((start, step), ((start + end) / 2, step), (end - 1e-5, step), (end, step + 1)):
+        tab.evaluate("t => trunkPage.seek(t)", float(t))
+        settled(tab)
+        shown = tab.locator("#selected").inner_text().split()[-1].replace("\u2212", "-")
+        assert float(shown) == pytest.approx(plan.activations[at, muscle], abs=6e-4)
+
+
 def test_vertices_agree_with_geometry(visit, pages):
     tab = visit(pages["both"])
     plan = planned("lift-log", "horizon")

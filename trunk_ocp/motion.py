@@ -115,8 +115,8 @@ class Motion:
 
     @property
     def gravity(self) -> float:
-        """Gravitational acceleration along +e_Z in m/s^2."""
-        return self.spec.gravity
+        """Gravitational acceleration along +e_Z in m/s^2, at rest and at the first step."""
+        return self.steps[0].loads.gravity
 
     @property
     def tolerance(self) -> tuple[float, float]:

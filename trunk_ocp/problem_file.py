@@ -117,6 +117,21 @@ class LogSpec(Strict):
     ] = 0.0
 
 
+class JumpSpec(Strict):
+    """Loads that change at once where their phase starts; the others are interpolated in time.
+
+    Right after the start, a load that jumps has the phase's value, a pull that grows none, and
+    what the phase before had is gone.
+    """
+
+    tip_force: bool = False
+    tip_mass: bool = True
+    pull: bool = True
+    contact: Annotated[bool, Field(description="the log, or contact_force and contact_couple")] = (
+        False
+    )
+
+
 class LoadsSpec(Strict):
     """Loads besides the trunk's own weight, during one phase."""
 
@@ -127,6 +142,9 @@ class LoadsSpec(Strict):
     contact_force: Vec3 = (0.0, 0.0, 0.0)
     contact_couple: Vec3 = (0.0, 0.0, 0.0)
     log: LogSpec | None = None
+    jump: Annotated[
+        JumpSpec, Field(description="which loads change at once at the phase's start")
+    ] = JumpSpec()
 
     @model_validator(mode="after")
     def _consistent(self) -> LoadsSpec:

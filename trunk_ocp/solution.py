@@ -13,8 +13,8 @@ import numpy as np
 
 from .collocation import Mesh
 from .errors import PlanError
-from .interpolation import interpolate
-from .loads import Loads, vector
+from .interpolation import interpolate, jumps, loads_at, planned_time
+from .loads import Loads
 from .motion import Motion
 from .solver import Solve, rank
 from .stability import Stability, stability
@@ -73,13 +73,14 @@ class Objective:
 
 @dataclass(frozen=True)
 class Sample:
-    """The moving trunk at one instant."""
+    """The moving trunk at one instant; `after` on the later side of a jump of the loads."""
 
     time: float
     activation: np.ndarray
     head: np.ndarray
     loads: Loads
     shape: Shape
+    after: bool = False
 
 
 def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
@@ -270,24 +271,39 @@ class Plan:
                     )
         return sentences
 
-    def sample(self, t: float) -> Sample:
+    @cached_property
+    def jumps(self) -> tuple[float, ...]:
+        """Times in s at which loads jump; all are time steps, or 0."""
+        return jumps(self.motion, self.loads)
+
+    def sample(self, t: float, *, after: bool = False) -> Sample:
         """The moving trunk at time t in s, from 0 to the end of the plan (section 5.2).
 
-        Activations, head angles and loads follow each phase's interpolation.
+        Activations, head angles and loads follow each phase's interpolation, except loads that
+        jump where a phase starts; at a time step it is the planned step, loads and all.
+
+        Parameters
+        ----------
+        after : bool
+            At one of `jumps`, the other side: the trunk under the loads that the next phase
+            starts with.
+
+        Raises
+        ------
+        InputError
+            If t is outside the plan.
+        StaticsError
+            If the trunk has no equilibrium there.
         """
-        contact = np.array([(*x.contact_force, *x.contact_couple) for x in self.loads])
-        values = np.concatenate([self.x, self.tip_forces, contact], axis=1)
-        rest = np.zeros((1, values.shape[1]))
-        at = interpolate(self.motion, np.concatenate([rest, values]), t)
-        count = len(self.motion.trunk.muscles)
-        V, W, couple = (vector(v) for v in at[count + 2 :].reshape(3, 3))
-        loads = Loads(self.motion.gravity, V, self.motion.contact_from, W, couple)
-        head = at[count : count + 2]
+        t = planned_time(self.motion, len(self.x), t)
+        values = np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
+        at, loads = interpolate(self.motion, values, t), loads_at(self.motion, self.loads, t, after)
+        activation, head = at[:-2], at[-2:]
         # Of several equilibria, that of the planned shape next to it.
         step = int(np.argmin(np.abs(self.motion.times[: len(self.x)] - t)))
         near = self.shape[step]
-        shape = solve_statics(self.motion.trunk, at[:count], head, loads, near=near)
-        return Sample(float(t), at[:count], head, loads, shape)
+        shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
+        return Sample(t, activation, head, loads, shape, after)
 
 
 def squared_rate(plan: Plan) -> float:

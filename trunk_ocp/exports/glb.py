@@ -19,7 +19,7 @@ from ..anatomy import Muscle
 from ..colours import OTHERS, group_colours
 from ..files import write
 from ..solution import Plan
-from .keyframes import Keyframes, with_between
+from .keyframes import HOLD, Keyframes, with_between
 from .surfaces import Surface, coarse_body, coarse_outline, shaded
 
 FLOAT, UINT = 5126, 5125
@@ -27,7 +27,6 @@ VERTICES, INDICES = 34962, 34963
 
 BYTES = 5_000_000  # for the shapes; what describes them takes up to 15 % more
 SECTIONS = (4, 24)  # fewest and most cross-sections of a muscle
-HOLD = 1e-3  # s; how long a jump takes, since key frames cannot coincide
 
 # Columns are the model's axes (X forwards, Y right, Z down) in glTF's: +Z forwards, -X right,
 # +Y up. As a quaternion x, y, z, w.
@@ -38,10 +37,11 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     """Write a plan as an animation, a node for each muscle; returns the path.
 
     Lengths are in m and times in s from rest; a root node turns the model's axes to glTF's.
-    Key frames are the time steps and, where straight lines between them would leave the motion,
-    some between. Each node's `extras` have the muscle's group, side, segment and activation at
-    the root's `times`; `extras.time_steps` are those that were planned. A trunk without muscles is
-    a single mesh. Long motions get fewer cross-sections, to remain within some 6 MB.
+    Key frames are the time steps, with the trunk under its new loads just after those at which
+    loads jump, and some between where straight lines would leave the motion. Each node's `extras`
+    have the muscle's group, side, segment and activation at the root's `times`;
+    `extras.time_steps` are those that were planned. A trunk without muscles is a single mesh. Long
+    motions get fewer cross-sections, to remain within some 6 MB.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     keys, weights = weight_keys(frames)
     file.animate(keys, weights)
     colours = group_colours(trunk)
-    names = [f"{time:.4g} s" for time in frames.times[1:].tolist()]
+    names = [f"{time:.6g} s" for time in frames.times[1:].tolist()]
     for i, part in enumerate(parts):
         surface = shaded(coarse_body(trunk, part, frames.shape, sections))
         name = part.name if part else trunk.name

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError, StaticsError
-from ..solution import Plan
+from ..solution import Plan, Sample
 from ..statics import Shape
 
 NEAR = 0.03  # m between the trunk and the mean of its neighbours' positions
 HALVINGS = 5  # at most, between two time steps
+HOLD = 1e-3  # s; how long a jump takes, since moments of a file cannot coincide
 
 
 @dataclass(frozen=True)
 class Keyframes:
-    """The moving trunk at n times.
+    """The moving trunk at n times, all different.
 
     times (n,) in s; activation (n, muscles); shape with batch axis (n,); held (n,), whether the
-    trunk stays as it was until this time, and then jumps.
+    trunk stays as it was until this time, and then jumps. Where loads jump, the time step is
+    followed within `HOLD` by the trunk under its new loads.
     """
 
     times: np.ndarray
@@ -45,8 +48,8 @@ def check_steps(plan: Plan) -> None:
 
 
 def at_steps(plan: Plan) -> Keyframes:
-    """The passive start and every planned step."""
-    return _keyframes(plan, [[] for _ in plan.x])
+    """The passive start and every planned step, with what follows at once where loads jump."""
+    return _keyframes(plan, _jumped(plan), [[] for _ in plan.x])
 
 
 def with_between(plan: Plan) -> Keyframes:
@@ -55,16 +58,19 @@ def with_between(plan: Plan) -> Keyframes:
     Halfway from the passive trunk to the fruit, the mean of the two shapes would have lost a
     quarter of its volume.
     """
-    steps = at_steps(plan)
-    Z = np.linspace(0.0, plan.motion.trunk.length, 9)
-    ends = list(zip(steps.times.tolist(), steps.shape.position(Z), strict=True))
-    return _keyframes(
-        plan,
-        [
-            [] if held else _between(plan, Z, a, b, HALVINGS)
-            for a, b, held in zip(ends[:-1], ends[1:], _held(plan), strict=True)
-        ],
-    )
+    check_steps(plan)
+    Z, jumped = np.linspace(0.0, plan.motion.trunk.length, 9), _jumped(plan)
+    times = np.append(0.0, plan.motion.times[: len(plan.x)]).tolist()
+    ends = [plan.sample(0.0).shape.position(Z), *plan.shape.position(Z)]
+    starts = [
+        jumped[time].shape.position(Z) if time in jumped else end
+        for time, end in zip(times, ends, strict=True)
+    ]
+    spans = zip(times, starts, times[1:], ends[1:], _held(plan), strict=False)
+    between = [
+        [] if held else _between(plan, Z, (t, a), (u, b), HALVINGS) for t, a, u, b, held in spans
+    ]
+    return _keyframes(plan, jumped, between)
 
 
 def _between(
@@ -97,21 +103,38 @@ def _held(plan: Plan) -> list[bool]:
     return [phases[step.phase].interpolation == "none" for step in steps]
 
 
+def _jumped(plan: Plan) -> dict[float, Sample]:
+    """The trunk right after each jump of the loads, by its time in s, where it has a shape."""
+    found = {}
+    for time in plan.jumps:
+        with contextlib.suppress(StaticsError):
+            found[time] = plan.sample(time, after=True)
+    return found
+
+
 def _keyframes(
-    plan: Plan, between: Sequence[Sequence[tuple[float, np.ndarray, Shape]]]
+    plan: Plan,
+    jumped: Mapping[float, Sample],
+    between: Sequence[Sequence[tuple[float, np.ndarray, Shape]]],
 ) -> Keyframes:
-    """Join the start, the steps and what comes before each of them."""
+    """Join the start, the steps, what comes before each of them and what follows a jump."""
     check_steps(plan)
+    steps = np.append(0.0, plan.motion.times[: len(plan.x)]).tolist()
     rest = plan.sample(0.0)
     times, activation, held = [0.0], [rest.activation], [False]
     shapes = [_batch_of_one(rest.shape)]
     for i, (moments, hold) in enumerate(zip(between, _held(plan), strict=True)):
+        after = jumped.get(steps[i])
+        if after is not None:
+            following = moments[0][0] if moments else steps[i + 1]
+            soon = steps[i] + min(HOLD, (following - steps[i]) / 2)
+            moments = [(soon, after.activation, after.shape), *moments]
         for time, gamma, shape in moments:
             times.append(time)
             activation.append(gamma)
             shapes.append(_batch_of_one(shape))
             held.append(False)
-        times.append(float(plan.motion.times[i]))
+        times.append(steps[i + 1])
         activation.append(plan.activations[i])
         shapes.append(plan.part(i, i + 1))
         held.append(hold)

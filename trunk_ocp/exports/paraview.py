@@ -27,6 +27,8 @@ TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
 def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
     """Write `muscles.pvd` and `centerline.pvd`, which ParaView opens, and the files they list.
 
+    A file for each time step, and one more a millisecond after those at which loads jump.
+
     The triangles of all muscles are cells with the arrays `muscle` (index in an activation
     vector; the field array `muscle_names` names them), `activation`, `segment` (1 is at the base)
     and `side` (1 right, -1 left). A trunk without muscles is one surface, its muscle -1. The

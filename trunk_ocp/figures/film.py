@@ -21,9 +21,10 @@ from matplotlib.transforms import Bbox
 from ..errors import InputError
 from ..files import replacing
 from ..geometry import muscle_body
+from ..interpolation import with_marks
 from ..solution import Plan
 from . import style
-from .instants import Instant, end_of, instants
+from .instants import SAME, Instant, end_of, instants
 from .muscles import ACTIVATION, DARKEST, SECTIONS, VIEWS, strongest
 from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
 from .shapes import WOOD, cargo
@@ -39,10 +40,11 @@ Told = Callable[[int, int], Any]
 
 
 def frame_times(plan: Plan) -> np.ndarray:
-    """Times in s of the film's frames, from rest to the end of the plan."""
+    """Times in s of the film's frames, from rest to the end; jumps of the loads among them."""
     end = end_of(plan)
     count = min(int(np.ceil(end * RATE * SLOWER)), MOST) + 1
-    return np.linspace(0.0, end, max(count, 2))
+    times = np.linspace(0.0, end, max(count, 2))
+    return with_marks(times, plan.jumps, times[1] / 2)
 
 
 def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list[Path]:
@@ -116,7 +118,7 @@ class Stage:
             Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))
             for index, body in enumerate(bodies)
         ]
-        step = self._step(moment.time)
+        step = self._step(moment.time, moment.after)
         surfaces += cargo(self.plan, self.plan.motion.steps[step].phase, moment)
         log = self._log(moment.time)
         if log is not None:
@@ -138,11 +140,11 @@ class Stage:
         red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
         return (red, green, blue)
 
-    def _step(self, time: float) -> int:
-        """Number, from 0, of the time step that a time leads to."""
+    def _step(self, time: float, after: bool = False) -> int:
+        """Number, from 0, of the time step that a time leads to; `after` at one, the next."""
         planned = len(self.plan.x)
         times = self.plan.motion.times[:planned]
-        return min(int(np.searchsorted(times, time - 1e-9)), planned - 1)
+        return min(int(np.searchsorted(times, time + (SAME if after else -SAME))), planned - 1)
 
     def _log(self, time: float) -> Log | None:
         """The log at a time: where the time steps around it have it, and on a line between."""

@@ -12,14 +12,20 @@ from ..loads import Loads
 from ..solution import Plan
 from ..statics import Shape, solve_statics
 
+SAME = 1e-9  # s; times as near as this are one
+
 
 @dataclass(frozen=True)
 class Instant:
-    """The trunk at a time in s: activations (muscles,), and its shape with a batch axis of 1."""
+    """The trunk at a time in s: activations (muscles,), and its shape with a batch axis of 1.
+
+    `after` is set on the later side of a jump of the loads.
+    """
 
     time: float
     activation: np.ndarray
     shape: Shape
+    after: bool = False
 
 
 def end_of(plan: Plan) -> float:
@@ -32,30 +38,45 @@ def trajectory(plan: Plan) -> np.ndarray:
     return np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
 
 
-def instants(plan: Plan, times: np.ndarray) -> list[Instant]:
-    """The trunk at times in s; where no shape can be had, as in a failed plan, none is given."""
+def instants(plan: Plan, times: np.ndarray, phase: int | None = None) -> list[Instant]:
+    """The trunk at times in s; where no shape can be had, as in a failed plan, none is given.
+
+    Where loads jump both sides, one after the other; of a phase, with its number, only its own.
+    """
     values = trajectory(plan)
     count = len(plan.motion.trunk.muscles)
     found = []
     for time in np.unique(times).tolist():
-        shape = _shape(plan, time)
-        if shape is not None:
-            x = values[0] if time == 0 else interpolate(plan.motion, values, time)
-            found.append(Instant(time, x[:count], shape))
+        x = values[0] if time == 0 else interpolate(plan.motion, values, time)
+        for after in _sides(plan, time, phase):
+            shape = _shape(plan, time, after)
+            if shape is not None:
+                found.append(Instant(time, x[:count], shape, after))
     return found
 
 
-def _shape(plan: Plan, time: float) -> Shape | None:
+def _sides(plan: Plan, time: float, phase: int | None) -> tuple[bool, ...]:
+    """Before or after a jump of the loads, or both."""
+    if not any(abs(jump - time) < SAME for jump in plan.jumps):
+        return (False,)
+    if phase is None:
+        return False, True
+    start = plan.motion.phases[phase - 1].end if phase else 0.0
+    return (abs(start - time) < SAME,)
+
+
+def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
     steps = plan.motion.times[: len(plan.x)]
-    same = np.flatnonzero(np.abs(steps - time) < 1e-9)
-    if same.size:  # planned, so not solved for again
+    same = np.flatnonzero(np.abs(steps - time) < SAME)
+    if same.size and not after:  # planned, so not solved for again
         return plan.part(int(same[0]), int(same[0]) + 1)
     try:
-        if time == 0:
+        if time == 0 and not after:
             trunk = plan.motion.trunk
             rest = Loads(plan.motion.gravity)
             return _batch(solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=rest))
-        return _batch(plan.sample(time).shape)
+        at = float(steps[same[0]]) if same.size else time
+        return _batch(plan.sample(at, after=after).shape)
     except TrunkError:
         return None
 
@@ -97,7 +118,7 @@ def curve_times(plan: Plan, count: int = 200) -> np.ndarray:
     """Times in s for smooth curves: even ones, all steps, and just before each for what jumps."""
     steps = plan.motion.times[: len(plan.x)]
     even = np.linspace(0, end_of(plan), count)
-    return np.unique(np.concatenate([even, steps, steps - 1e-9]))
+    return np.unique(np.concatenate([even, steps, steps - SAME]))
 
 
 def curves(plan: Plan, times: np.ndarray) -> np.ndarray:

@@ -76,12 +76,12 @@ def draw_shapes(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
 def row_of(plan: Plan, number: int) -> Row:
     """What a phase with planned steps shows."""
     steps = steps_of(plan, number)
-    trunks = instants(plan, within_phase(plan, number))
+    trunks = instants(plan, within_phase(plan, number), number)
     before = [steps[0] - 1] if steps[0] > 0 else []
     found = [log_at(plan.motion, step) for step in before + steps]
     logs = [log for log in found if log is not None] if found[-1] is not None else []
     tip = np.array([plan.motion.trunk.length])
-    between = instants(plan, within_phase(plan, number, 13))
+    between = instants(plan, within_phase(plan, number, 13), number)
     tips = [instant.shape.position(tip)[0, 0] for instant in between]
     return Row(number, trunks, logs, marks(plan, steps[-1]), np.array(tips).reshape(-1, 3))
 
@@ -247,7 +247,10 @@ def _key(figure: Figure, plan: Plan) -> None:
 
 
 def _caption(plan: Plan, row: Row) -> str:
-    times = ", ".join(f"{instant.time:.2f}" for instant in row.trunks)
+    after = ["just after " if instant.after else "" for instant in row.trunks]
+    times = ", ".join(
+        f"{w}{instant.time:.2f}" for w, instant in zip(after, row.trunks, strict=True)
+    )
     text = f"{style.plain(plan.motion.phases[row.number].name)}:  t = {times} s, from light to dark"
     errors = [1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks]
     if errors:

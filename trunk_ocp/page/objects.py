@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +12,12 @@ import numpy as np
 from ..interpolation import interpolate
 from ..motion import Motion
 from ..problem_file import LogSpec, PhaseSpec, WrapSpec
-from ..solution import Plan
+from ..solution import Plan, Sample
 from ..statics import Shape
 from ..targets import Target
 
 FRUIT_DENSITY = 1000.0  # kg/m^3; a tip mass is drawn as a ball of water
+NEAR = 1e-9  # s
 SLENDERNESS = 12.0  # length by radius of a log of which only the radius is given
 
 
@@ -28,9 +29,10 @@ class Thing:
     centre: np.ndarray
 
 
-def carried(plan: Plan, times: np.ndarray, shape: Shape) -> list[Thing]:
-    """Log and fruit of a plan at given times (n,), at which the trunk has shapes (n,)."""
-    return [*_log(plan, times), *_fruit(plan, times, shape)]
+def carried(plan: Plan, samples: Sequence[Sample], shape: Shape) -> list[Thing]:
+    """Log and fruit of a plan at n samples, in which the trunk has shapes (n,)."""
+    times = np.array([sample.time for sample in samples])
+    return [*_log(plan, times), *_fruit(plan, samples, shape)]
 
 
 def _log(plan: Plan, times: np.ndarray) -> Iterator[Thing]:
@@ -88,7 +90,7 @@ def _filled(grips: list[np.ndarray | None], first: np.ndarray) -> np.ndarray:
     return np.array(rows)
 
 
-def _fruit(plan: Plan, times: np.ndarray, shape: Shape) -> Iterator[Thing]:
+def _fruit(plan: Plan, samples: Sequence[Sample], shape: Shape) -> Iterator[Thing]:
     """The mass that a phase hangs on the tip: it waits where it is taken, and stays where left."""
     phases = plan.motion.spec.phases
     mass = max(phase.loads.tip_mass for phase in phases)
@@ -97,20 +99,23 @@ def _fruit(plan: Plan, times: np.ndarray, shape: Shape) -> Iterator[Thing]:
     radius = (3 * mass / (4 * math.pi * FRUIT_DENSITY)) ** (1 / 3)
     end = np.array([plan.motion.trunk.length])
     at_tip = (shape.position(end) + radius * shape.directors(end)[..., 2, :])[:, 0]
-    held = _holding(phases, plan.motion, times)
+    held = _holding(phases, plan.motion, samples)
     if not held.any():  # a plan that was cut short before
         return
-    centre, place = at_tip.copy(), at_tip[int(np.argmax(held))]
+    # It comes off where the tip was last before it hung there.
+    centre, place = at_tip.copy(), at_tip[max(int(np.argmax(held)) - 1, 0)]
     for i, holds in enumerate(held):
         place = at_tip[i] if holds else place
         centre[i] = place
     yield Thing({"kind": "fruit", "radius": radius, "mass": mass}, centre)
 
 
-def _holding(phases: tuple[PhaseSpec, ...], motion: Motion, times: np.ndarray) -> np.ndarray:
-    """Whether the tip carries a mass, at times (n,); from the end of the phase before on."""
-    ends = np.array([phase.end for phase in motion.phases])
-    number = np.minimum(np.searchsorted(ends, times, side="right"), len(ends) - 1)
+def _holding(
+    phases: tuple[PhaseSpec, ...], motion: Motion, samples: Sequence[Sample]
+) -> np.ndarray:
+    """Whether the tip carries a mass in each sample: from the end of the phase before on."""
+    ends = np.array([phase.end for phase in motion.phases[:-1]])
+    number = [int(np.searchsorted(ends, s.time + (NEAR if s.after else -NEAR))) for s in samples]
     return np.array([phase.loads.tip_mass > 0 for phase in phases])[number]
 
 

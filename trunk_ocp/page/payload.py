@@ -8,6 +8,7 @@ the trunk and up to some 120 instants. The page computes x = r + s f (X d_1 + Y 
 from __future__ import annotations
 
 import base64
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,8 @@ from ..colours import group_colours
 from ..errors import StaticsError
 from ..geometry import frames, outline
 from ..head import base_pose
+from ..interpolation import with_marks
+from ..motion import Motion
 from ..rotations import about_y, about_z, directors, product
 from ..solution import Plan, Sample, Status
 from ..statics import Shape
@@ -45,7 +48,6 @@ def _plan(plan: Plan) -> dict[str, Any]:
     trunk = plan.motion.trunk
     samples = _samples(plan)
     grid = section_grid(trunk)
-    times = np.array([sample.time for sample in samples])
     shape = _stacked([sample.shape for sample in samples])
     motion, J = plan.motion, plan.objective.paper
     return {
@@ -53,7 +55,10 @@ def _plan(plan: Plan) -> dict[str, Any]:
         "status": plan.status.value,
         "solved": plan.status is Status.SOLVED,
         "objective": J if math.isfinite(J) else None,
-        "times": encoded(times),
+        # With all their digits: on which side of a jump a time is must not depend on rounding.
+        "times": [sample.time for sample in samples],
+        "jumps": list(plan.jumps),
+        "held": _held(motion, [sample.time for sample in samples]),
         "steps": [float(t) for t in motion.times[: len(plan.x)]],
         "phases": [{"name": phase.name, "end": phase.end} for phase in motion.phases],
         "trunk": _trunk(trunk, grid),
@@ -63,30 +68,46 @@ def _plan(plan: Plan) -> dict[str, Any]:
         "pivot": _pivot(trunk),
         "objects": [
             {**thing.description, "centre": encoded(thing.centre)}
-            for thing in carried(plan, times, shape)
+            for thing in carried(plan, samples, shape)
         ],
         "targets": targets(plan),
     }
 
 
 def instants(plan: Plan) -> np.ndarray:
-    """Times (n,) in s to sample a plan at: evenly spread, and at its time steps if they fit."""
+    """Times (n,) in s to sample a plan at: evenly spread, and at its time steps if they fit.
+
+    Where loads jump in any case.
+    """
     steps = plan.motion.times[: len(plan.x)]
-    steps = steps if len(steps) <= MOST // 2 else steps[:0]
+    steps = steps if len(steps) <= MOST // 2 else np.array(plan.jumps)
     end = float(plan.motion.times[len(plan.x) - 1])
-    count = int(np.clip(np.ceil(RATE * end) + 1, FEWEST, MOST - len(steps)))
-    return np.unique(np.concatenate([np.linspace(0.0, end, count), steps]))
+    count = int(np.clip(np.ceil(RATE * end) + 1, FEWEST, max(FEWEST, MOST - len(steps))))
+    return with_marks(np.linspace(0.0, end, count), steps.tolist(), 1e-9 * end)
 
 
 def _samples(plan: Plan) -> list[Sample]:
-    """The moving trunk, without the instants for which there is no equilibrium, if any."""
+    """The moving trunk, without the instants for which there is no equilibrium, if any.
+
+    Where loads jump, both sides: two samples at the same time.
+    """
     samples = []
-    for t in instants(plan):
-        try:
-            samples.append(plan.sample(float(t)))
-        except StaticsError:  # between steps, where nothing was planned: the page interpolates
-            continue
+    for t in instants(plan).tolist():
+        for after in (False, True) if t in plan.jumps else (False,):
+            # Between steps, where nothing was planned, the page interpolates.
+            with contextlib.suppress(StaticsError):
+                samples.append(plan.sample(t, after=after))
     return samples
+
+
+def _held(motion: Motion, times: Sequence[float]) -> list[bool]:
+    """Whether the trunk keeps still from each sample to the next, and then jumps."""
+    ends = [phase.end for phase in motion.phases[:-1]]
+    middles = (np.array(times[:-1]) + np.array(times[1:])) / 2
+    return [
+        motion.phases[number].interpolation == "none"
+        for number in np.searchsorted(ends, middles).tolist()
+    ]
 
 
 def _stacked(shapes: list[Shape]) -> Shape:

@@ -12,6 +12,7 @@ export const PARTS = {
   objects: "objects",
 };
 const FRAME = 0.04; // s, of an arrow key
+const AFTER = 1e-3; // s, after a jump of the loads
 
 export function byId(id) {
   return document.getElementById(id);
@@ -52,7 +53,7 @@ export function drawLegend(largest) {
 }
 
 /** Keys of the whole page; `does` has what they do by name. */
-export function listenToKeys(clock, steps, does) {
+export function listenToKeys(clock, stops, does) {
   const actions = {
     " ": does.toggle,
     ArrowLeft: (event) => does.seek(clock.time + (event.shiftKey ? toStep(-1) : -FRAME)),
@@ -70,7 +71,7 @@ export function listenToKeys(clock, steps, does) {
     "+": () => does.nudge(0, 0, 1 / 1.1),
     "-": () => does.nudge(0, 0, 1.1),
   };
-  const toStep = (way) => nextStep(steps, clock.time, way) - clock.time;
+  const toStep = (way) => nextStop(stops, clock.time, way) - clock.time;
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || isBusy(event)) return;
     const action = actions[event.key];
@@ -87,9 +88,13 @@ function isBusy({ target, key }) {
   return key === " " && Boolean(target.closest("button, input[type=checkbox], summary"));
 }
 
-/** Time of the time step after (way 1) or before (-1) a time. */
-export function nextStep(steps, time, way) {
-  const times = [0, ...steps];
+/** Where keys stop: the start, the time steps, and just after those where loads jump. */
+export function stopsOf(plan) {
+  return [0, ...plan.steps, ...plan.jumps.map((jump) => jump + AFTER)];
+}
+
+/** Time of the stop after (way 1) or before (-1) a time. */
+export function nextStop(times, time, way) {
   const ahead = times.filter((step) => way * (step - time) > 1e-4);
   if (!ahead.length) return time;
   return way > 0 ? Math.min(...ahead) : Math.max(...ahead);

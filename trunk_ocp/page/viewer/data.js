@@ -7,7 +7,7 @@ export function readPayload() {
 }
 
 function decodedPlan(plan) {
-  const times = floats(plan.times);
+  const times = Float64Array.from(plan.times);
   const { position, quaternion, scale } = plan.frames;
   return {
     ...plan,
@@ -31,13 +31,20 @@ function floats(text) {
   return new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 }
 
-/** Between which samples a time lies: numbers of both and the share of the later one. */
-export function instantAt(times, t) {
+/**
+ * Between which samples a time lies: numbers of both and the share of the later one.
+ *
+ * Where loads jump there are two samples at one time: at that time the first of them, later the
+ * second. Where a phase holds what it has, the earlier sample until the later one is due.
+ */
+export function instantAt({ times, held }, t) {
   const last = times.length - 1;
   if (t >= times[last]) return { before: last, after: last, share: 0 };
+  if (t <= times[0]) return { before: 0, after: 0, share: 0 };
   let after = 1;
-  while (after < last && times[after] <= t) after += 1;
+  while (after < last && times[after] < t) after += 1;
   const before = after - 1;
+  if (held[before] && t < times[after]) return { before, after: before, share: 0 };
   const share = (t - times[before]) / (times[after] - times[before]);
   return { before, after, share: Math.max(0, share) };
 }
@@ -48,7 +55,7 @@ export function mixed(array, width, i, { before, after, share }) {
 }
 
 export function activationAt(plan, muscle, t) {
-  return mixed(plan.activation, plan.trunk.muscles.length, muscle, instantAt(plan.times, t));
+  return mixed(plan.activation, plan.trunk.muscles.length, muscle, instantAt(plan, t));
 }
 
 export function phaseAt(plan, t) {

@@ -21,7 +21,7 @@ export function makeSections(plan) {
 /** Cross-sections at time t, between samples by straight lines and shortest rotations. */
 export function writeSections(sections, plan, t) {
   const { n, position, scale } = sections;
-  const instant = instantAt(plan.times, t);
+  const instant = instantAt(plan, t);
   for (let k = 0; k < 3 * n; k++) position[k] = mixed(plan.frames.position, 3 * n, k, instant);
   for (let j = 0; j < n; j++) {
     scale[j] = mixed(plan.frames.scale, n, j, instant);

@@ -6,7 +6,7 @@ import { Clock } from "./clock.js";
 import { Stage } from "./stage.js";
 import { Plots, short } from "./plots.js";
 import {
-  PARTS, SIDES, addBoxes, addMuscleChoices, byId, drawLegend, listenToKeys,
+  PARTS, SIDES, addBoxes, addMuscleChoices, byId, drawLegend, listenToKeys, stopsOf,
 } from "./controls.js";
 
 const payload = readPayload();
@@ -35,7 +35,7 @@ function start() {
   stage = openStage();
   if (stage) addLabels();
   listenToBar();
-  listenToKeys(clock, plans[0].steps, keys());
+  listenToKeys(clock, stopsOf(plans[0]), keys());
   dress();
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
   document.body.dataset.ready = "yes";
@@ -177,7 +177,7 @@ function placeLabels(time) {
     const { x, y, width } = stage.views[i];
     label.style.transform = `translate(${x}px, ${y}px)`;
     label.style.maxWidth = `${width}px`;
-    const instant = instantAt(plan.times, time);
+    const instant = instantAt(plan, time);
     const [z, about] = [0, 1].map((k) => (mixed(plan.head, 2, k, instant) * 180) / Math.PI);
     setText(label.lastChild, `head: \u03c8Z ${degrees(z)}, \u03c8Y ${degrees(about)}`);
   });

@@ -132,7 +132,11 @@ class Panel {
 
   lines() {
     this.paths = this.curves.map(({ muscle, values }) => {
-      const points = values.map((value, i) => `${this.x(this.plan.times[i])},${this.y(value)}`);
+      const { times, held } = this.plan;
+      const points = values.flatMap((value, i) => {
+        const point = `${this.x(times[i])},${this.y(value)}`;
+        return held[i - 1] ? [`${this.x(times[i])},${this.y(values[i - 1])}`, point] : [point];
+      });
       const path = svg("polyline", { points: points.join(" "), class: "curve" });
       path.dataset.muscle = muscle.name;
       if (muscle.side === "L") path.setAttribute("stroke-dasharray", "6 3");

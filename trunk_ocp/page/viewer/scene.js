@@ -58,7 +58,7 @@ export class PlanScene {
     for (const mesh of [...this.muscles, ...this.cores, this.skin]) {
       if (mesh.visible) this.move(mesh);
     }
-    const instant = instantAt(this.plan.times, t);
+    const instant = instantAt(this.plan, t);
     this.objects.forEach((mesh, i) => placeObject(mesh, this.plan.objects[i].centre, instant));
     markTargets(this.targets, this.plan.targets, t);
     this.turnHead(instant);
