@@ -18,19 +18,14 @@ from .output import standard_output
 DISAGREES = 3
 
 
-class Points(click.ParamType[tuple[float, ...]]):
-    """Points Z, separated by commas."""
-
-    name = "Z,Z,..."
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Numbers of a text."""
-        try:
-            return tuple(float(word) for word in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r}: expected numbers in m, such as 0.9,1.75.", param, ctx)
+def _points(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, ...]:
+    """Points Z of a text, separated by commas."""
+    try:
+        return tuple(float(word) for word in text.split(",")) if text is not None else ()
+    except ValueError:
+        raise click.BadParameter(f"{text!r}: expected numbers in m, such as 0.9,1.75.") from None
 
 
 @click.command("export")
@@ -42,7 +37,9 @@ class Points(click.ParamType[tuple[float, ...]]):
     show_default=True,
     help="Shapes; shapes with first derivatives; the motion programme's own functions.",
 )
-@click.option("--at", type=Points(), default=None, help="Points along the trunk in m.  [the tip]")
+@click.option(
+    "--at", metavar="Z,Z,...", callback=_points, help="Points along the trunk in m.  [the tip]"
+)
 @click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Format.")
 @click.option(
     "--out",
@@ -59,7 +56,7 @@ class Points(click.ParamType[tuple[float, ...]]):
 def export_model(
     subject: str,
     what: str,
-    at: tuple[float, ...] | None,
+    at: tuple[float, ...],
     to: str,
     out: Path | None,
     second: bool,
@@ -87,7 +84,7 @@ def export_model(
                 to,
                 folder,
                 what,
-                at or (),
+                at,
                 second=second,
                 single=single,
                 muscle=muscle,
