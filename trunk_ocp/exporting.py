@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -76,8 +77,7 @@ def export_model(
     console = Console(file=standard_output(), highlight=False)
     with clean_errors():
         asked = load_subject(subject)
-        name = asked.name.replace("/", "-")
-        folder = out or Path("export") / f"{name}-{to}"
+        folder = out or Path("export") / f"{_folder_name(asked.name)}-{to}"
         with console.status("writing"):
             files = export(
                 asked,
@@ -101,6 +101,11 @@ def export_model(
             )
         if check:
             _check(console, folder, to, what)
+
+
+def _folder_name(name: str) -> str:
+    """A name that any file system takes, of the name of an anatomy or a problem."""
+    return re.sub(r"[^\w.]+", "-", name)[:50].strip("-") or "trunk"
 
 
 def _check(console: Console, folder: Path, to: str, what: str) -> None:
