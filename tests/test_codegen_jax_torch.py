@@ -44,8 +44,9 @@ def in_torch(tmp_path_factory):
 
 @pytest.fixture
 def double():
-    with jax.enable_x64(True):
-        yield
+    jax.config.update("jax_enable_x64", True)  # jax.enable_x64 is there since 0.8 only
+    yield
+    jax.config.update("jax_enable_x64", False)
 
 
 @pytest.fixture(scope="module")

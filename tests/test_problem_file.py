@@ -186,7 +186,8 @@ def printed_schema():
 
 
 def test_the_shipped_schema_is_the_printed_one():
-    assert (problems_folder() / "problem.schema.json").read_text() == printed_schema()
+    shipped = json.loads((problems_folder() / "problem.schema.json").read_text())
+    assert shipped == json.loads(printed_schema())  # an older pydantic prints 0.0 for 0
 
 
 def fits(value, rule, root):

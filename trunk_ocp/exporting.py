@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -18,19 +19,14 @@ from .output import standard_output
 DISAGREES = 3
 
 
-class Points(click.ParamType[tuple[float, ...]]):
-    """Points Z, separated by commas."""
-
-    name = "Z,Z,..."
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Numbers of a text."""
-        try:
-            return tuple(float(word) for word in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r}: expected numbers in m, such as 0.9,1.75.", param, ctx)
+def _points(
+    context: click.Context, parameter: click.Parameter, text: str | None
+) -> tuple[float, ...]:
+    """Points Z of a text, separated by commas."""
+    try:
+        return tuple(float(word) for word in text.split(",")) if text is not None else ()
+    except ValueError:
+        raise click.BadParameter(f"{text!r}: expected numbers in m, such as 0.9,1.75.") from None
 
 
 @click.command("export")
@@ -42,7 +38,9 @@ class Points(click.ParamType[tuple[float, ...]]):
     show_default=True,
     help="Shapes; shapes with first derivatives; the motion programme's own functions.",
 )
-@click.option("--at", type=Points(), default=None, help="Points along the trunk in m.  [the tip]")
+@click.option(
+    "--at", metavar="Z,Z,...", callback=_points, help="Points along the trunk in m.  [the tip]"
+)
 @click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Format.")
 @click.option(
     "--out",
@@ -59,7 +57,7 @@ class Points(click.ParamType[tuple[float, ...]]):
 def export_model(
     subject: str,
     what: str,
-    at: tuple[float, ...] | None,
+    at: tuple[float, ...],
     to: str,
     out: Path | None,
     second: bool,
@@ -79,15 +77,14 @@ def export_model(
     console = Console(file=standard_output(), highlight=False)
     with clean_errors():
         asked = load_subject(subject)
-        name = asked.name.replace("/", "-")
-        folder = out or Path("export") / f"{name}-{to}"
+        folder = out or Path("export") / f"{_folder_name(asked.name)}-{to}"
         with console.status("writing"):
             files = export(
                 asked,
                 to,
                 folder,
                 what,
-                at or (),
+                at,
                 second=second,
                 single=single,
                 muscle=muscle,
@@ -104,6 +101,11 @@ def export_model(
             )
         if check:
             _check(console, folder, to, what)
+
+
+def _folder_name(name: str) -> str:
+    """A name that any file system takes, of the name of an anatomy or a problem."""
+    return re.sub(r"[^\w.]+", "-", name)[:50].strip("-") or "trunk"
 
 
 def _check(console: Console, folder: Path, to: str, what: str) -> None:

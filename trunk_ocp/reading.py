@@ -15,7 +15,8 @@ import unicodedata
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from annotated_types import Ge, Gt, MaxLen
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from .errors import InputError
 
@@ -62,11 +63,13 @@ def _printable(text: str) -> str:
     return text
 
 
+# No Field in a type that several keys share: pydantic before 2.11.5 keeps one key's default in it,
+# which then makes every later key of the type optional.
 Number = Annotated[float, AfterValidator(_sized)]
-Positive = Annotated[float, Field(gt=0), AfterValidator(_sized)]
-NonNegative = Annotated[float, Field(ge=0), AfterValidator(_sized)]
+Positive = Annotated[float, Gt(0), AfterValidator(_sized)]
+NonNegative = Annotated[float, Ge(0), AfterValidator(_sized)]
 Pair = tuple[Number, Number]
-Text = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
+Text = Annotated[str, MaxLen(200), AfterValidator(_printable)]
 
 
 class Strict(BaseModel):

@@ -6,7 +6,6 @@ The numbers and the kernels are generated, the kernels by CasADi; all else is C 
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 from ..activation import stiffness
 from ..errors import TrunkError
 from ..rotations import directors, product
+from .foreign import c_literal
 from .model import DEGREE, Model
 from .request import Request
 from .running import in_a_copy, run, tool
@@ -67,8 +67,7 @@ def _template(name: str) -> str:
 
 
 def _comment(text: str) -> str:
-    lines = text.replace("*/", "* /").splitlines()
-    return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
+    return "\n".join(["/*", *(f" * {line}".rstrip() for line in text.splitlines()), " */"])
 
 
 def _sizes(request: Request) -> Iterable[str]:
@@ -114,7 +113,7 @@ def _tables(model: Model) -> Iterable[str]:
     """Constants of the program. Those of Gauss points stand component by component."""
     tables, layout = model.tables, model.layout
     yield _array("const double trunk_Z", ["TRUNK_POINTS"], model.Z)
-    names = [json.dumps(name) for name in _input_names(model)]
+    names = [c_literal(name) for name in _input_names(model)]
     yield _array("const char *const trunk_input_names", ["TRUNK_INPUTS"], names)
     rest = layout.x(np.zeros(len(layout.muscles)), (0.0, 0.0), model.loads)
     yield _array("const double trunk_default_input", ["TRUNK_INPUTS"], rest)

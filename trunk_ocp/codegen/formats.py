@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,16 +10,13 @@ from pathlib import Path
 
 from ..anatomy import Trunk
 from ..errors import InputError
-from ..files import alone, write
+from ..files import alone
 from ..loads import Loads, check_contact
 from ..motion import Motion
 from .cases import check_files, resolved
 from .model import FEWEST, build_model
+from .own_files import Files, write_files
 from .request import Request
-
-Files = dict[str, str | bytes]
-MANIFEST = "export.json"
-"""Lists the files of an export, so that the next one into the folder leaves none behind."""
 
 
 @dataclass(frozen=True)
@@ -150,32 +145,7 @@ def export(
         files |= check_files(request, FORMATS[to].loaded)
     folder = Path(out)
     with alone(folder):
-        _make_room(folder, files)
-        files[MANIFEST] = json.dumps({"format": to, "what": what, "files": [*files]}, indent=1)
-        return [write(folder / name, content, lasting=False) for name, content in files.items()]
-
-
-def _make_room(folder: Path, files: Files) -> None:
-    """Remove the files of an earlier export from a folder.
-
-    Raises
-    ------
-    InputError
-        If a file is in the way that no export has written.
-    """
-    manifest, ours = folder / MANIFEST, set()
-    if manifest.exists():
-        with contextlib.suppress(ValueError, TypeError, KeyError):
-            ours = {*json.loads(manifest.read_text())["files"]}
-    in_the_way = sorted(name for name in files if (folder / name).exists() and name not in ours)
-    if in_the_way:
-        raise InputError(
-            f"{folder / in_the_way[0]}: is there already, and not from an export; expected a new "
-            "folder, or one that only exports were written to. Name another one with --out."
-        )
-    for name in ours:
-        if Path(name).name == name:  # never beyond the folder
-            (folder / name).unlink(missing_ok=True)
+        return write_files(folder, files, {"format": to, "what": what})
 
 
 def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:

@@ -5,7 +5,6 @@ Only what needs SymPy is here; `formulas` is the way in.
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import textwrap
@@ -14,6 +13,7 @@ from importlib.metadata import version
 
 from ..anatomy import Muscle, Trunk
 from . import closed_forms as forms
+from .foreign import in_latex, python_literal
 from .notation import SCALARS, Formula, tex
 from .texts import template
 
@@ -77,10 +77,10 @@ def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
     others = [formula for formula in spiral if formula.name != "d_i"]
     start, end = trunk.edges[muscle.segment : muscle.segment + 2]
     words = _words(trunk, muscle) | {
-        "anatomy": json.dumps(trunk.name),
-        "muscle": json.dumps(muscle.name),
-        "span": f"{start!r}, {end!r}, {trunk.length!r}",
-        "values": "\n".join(f'    "{name}": {value!r},' for name, value in given.items()),
+        "anatomy": python_literal(trunk.name),
+        "muscle": python_literal(muscle.name),
+        "span": ", ".join(repr(float(Z)) for Z in (start, end, trunk.length)),
+        "values": "\n".join(f'    "{name}": {float(value)!r},' for name, value in given.items()),
         "given": ", ".join(given),
         "given_names": " ".join(given),
         "coefficients": _assignments(coefficients),
@@ -144,7 +144,7 @@ def latex_page(trunk: Trunk, muscle: Muscle) -> str:
         "straight": _gather([forms.straight_slopes(tapered)]),
         "rest": _rest(trunk, muscle),
     }
-    words |= {name: _escaped(words[name]) for name in ("muscle", "anatomy")}
+    words |= {name: in_latex(words[name]) for name in ("muscle", "anatomy")}
     return _fill(template("formulas/trunk_formulas.tex"), words)
 
 
@@ -237,13 +237,6 @@ def _rest(trunk: Trunk, muscle: Muscle) -> str:
         f"${name}$ & {' & '.join(f'${_number(x + 0.0)}$' for x in slopes[key])} & {unit} \\\\"
         for name, key, unit in rows
     )
-
-
-def _escaped(text: str) -> str:
-    """Text for LaTeX, where some characters mean something."""
-    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    special |= {character: f"\\{character}" for character in "&%$#_{}"}
-    return "".join(special.get(character, character) for character in text)
 
 
 def _words(trunk: Trunk, muscle: Muscle) -> dict[str, str]:

@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..rotations import directors
 from ..unloaded import unloaded_states
 from .request import CheckError, Request, ToolMissingError
-from .running import run
+from .running import in_a_copy, run
 from .texts import template
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def check_sympy(folder: Path) -> str:
     """
     if util.find_spec("sympy") is None:
         raise ToolMissingError(SYMPY_MISSING)
-    return run([sys.executable, "-B", "check_formulas.py"], folder)
+    with in_a_copy(folder) as copy:
+        return run([sys.executable, "check_formulas.py"], copy)
 
 
 def check_latex(folder: Path) -> str:

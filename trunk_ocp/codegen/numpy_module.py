@@ -12,9 +12,10 @@ import numpy as np
 
 from ..python_source import python_source
 from . import space_rod
+from .foreign import python_literal
 from .model import OUTPUTS, Model
 from .request import Request
-from .running import run
+from .running import in_a_copy, run
 from .texts import header, template
 
 NAME = "trunk_numpy.py"
@@ -61,7 +62,8 @@ def check_text(world: str) -> str:
 
 def run_check(folder: Path) -> str:
     """Run check.py in its folder with this Python; what it printed, or CheckError."""
-    return run([sys.executable, CHECK], folder)
+    with in_a_copy(folder) as copy:
+        return run([sys.executable, CHECK], copy)
 
 
 def _own(text: str) -> str:
@@ -101,7 +103,7 @@ def _numbers(model: Model) -> str:
         defaults |= {"contact_force": loads.contact_force, "contact_couple": loads.contact_couple}
     lines = [
         "# Numbers of this trunk, in SI units.",
-        f"MUSCLES = {_rows([repr(muscle) for muscle in layout.muscles], '(', ')', '')}",
+        f"MUSCLES = {_rows([python_literal(muscle) for muscle in layout.muscles], '(', ')', '')}",
         f"INPUTS = {_slices(layout.inputs)}",
         f"OUTPUTS = {_slices({name: layout.outputs[name] for name in OUTPUTS})}",
         f"DEFAULTS = {defaults!r}",

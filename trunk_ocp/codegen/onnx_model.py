@@ -10,7 +10,7 @@ import importlib
 import importlib.util
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .foreign import in_comment
 from .numpy_module import CHECK, check_text, module_text, run_check
 from .request import Request, ToolMissingError
 
@@ -94,7 +95,7 @@ def build_onnx(ndonnx: ModuleType, request: Request) -> Any:
     kind = np.float32 if request.single else np.float64
     library = _Library(ndonnx, kind)
     module = ModuleType("trunk_numpy")
-    exec(module_text(request), module.__dict__)
+    exec(module_text(_nameless(request)), module.__dict__)
     sizes = {"activation": request.model.layout.controls - 2, "head": 2}
     inputs = {
         name: ndonnx.argument(shape=("B", size), dtype=library.dtype)
@@ -114,6 +115,17 @@ def build_onnx(ndonnx: ModuleType, request: Request) -> Any:
         name: ndonnx.reshape(part, (-1, points, *shape)) for name, (part, shape) in parts.items()
     }
     return _described(ndonnx.build(inputs, outputs), request)
+
+
+def _nameless(request: Request) -> Request:
+    """The request with names of our own, so that what is run holds no text from a file."""
+    trunk = request.model.trunk
+    muscles = tuple(
+        replace(muscle, name=f"muscle {number}", group="muscle")
+        for number, muscle in enumerate(trunk.subdomains)
+    )
+    trunk = replace(trunk, name="trunk", subdomains=muscles)
+    return replace(request, model=replace(request.model, trunk=trunk), name="trunk")
 
 
 class _Library:
@@ -173,10 +185,12 @@ def _readme(request: Request) -> str:
         for name, (shape, text) in _outputs(request).items()
     ]
     return (
-        README.replace("<what>", f"for {request.name}, by trunk_ocp {version('trunk_ocp')}")
+        README.replace(
+            "<what>", f"for {in_comment(request.name)}, by trunk_ocp {version('trunk_ocp')}"
+        )
         .replace("<precision>", "single" if request.single else "double")
         .replace("<muscles>", str(len(model.trunk.muscles)))
-        .replace("<order>", _wrapped(model.trunk.muscles))
+        .replace("<order>", _wrapped([in_comment(muscle) for muscle in model.trunk.muscles]))
         .replace("<Z>", ", ".join(f"{Z:g}" for Z in model.Z))
         .replace("<outputs>", "\n".join(lines) + "\n")
     )

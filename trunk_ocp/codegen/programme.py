@@ -31,6 +31,7 @@ from ..errors import InputError
 from ..planner import Options, Pass, State, first_mesh
 from ..solver import Optimiser
 from ..transcription import Window
+from .foreign import in_comment
 from .programme_layout import layout
 from .request import Request
 from .running import build_mex, in_a_copy, run, run_octave, tool
@@ -197,7 +198,7 @@ def _template(name: str, exported: Exported) -> str:
     text = template(f"programme/{name}")
     window = exported.window
     known = {
-        "NAME": re.sub(r"[^\w .,-]", " ", exported.name),  # it goes into comments
+        "NAME": in_comment(exported.name),
         "VERSION": version("trunk_ocp"),
         "STEPS": len(window.steps),
         "UNKNOWNS": window.programme.size[0],
@@ -235,7 +236,8 @@ def check_programme_casadi(folder: Path) -> str:
     CheckError
         If it disagrees with the check file.
     """
-    return run([sys.executable, "check.py"], folder)
+    with in_a_copy(folder) as copy:
+        return run([sys.executable, "check.py"], copy)
 
 
 def check_programme_c(folder: Path) -> str:

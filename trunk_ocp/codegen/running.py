@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from .own_files import NAMES
 from .request import CheckError, ToolMissingError
 
 PATIENCE = 120.0
@@ -61,11 +62,15 @@ def run(command: Sequence[str], folder: Path, **variables: str) -> str:
 
 @contextlib.contextmanager
 def in_a_copy(folder: Path) -> Iterator[Path]:
-    """A copy of a folder that is gone afterwards, so that nothing built stays in the export."""
+    """A copy of an export that is gone afterwards, so that nothing built stays in its folder.
+
+    Without any other file of the folder: a numpy.py there would be imported instead of NumPy.
+    """
     with tempfile.TemporaryDirectory() as temporary:
-        copy = Path(temporary) / "export"
-        shutil.copytree(folder, copy)
-        yield copy
+        for path in (folder / name for name in NAMES):
+            if path.is_file():
+                shutil.copy(path, temporary)
+        yield Path(temporary)
 
 
 OCTAVE = "apt-get install octave octave-dev"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..provenance import versions
+from .foreign import in_comment
 from .model import OUTPUTS
 from .request import Request
 
@@ -33,8 +34,9 @@ def header(request: Request) -> str:
     """What an export is and the order of its numbers, as plain lines of at most 96 characters."""
     model, layout = request.model, request.model.layout
     contact = model.loads.contact_from
+    name = in_comment(model.trunk.name)
     lines = [
-        f"Shape of the trunk {model.trunk.name!r} at {layout.points} point(s) along it.",
+        f"Shape of the trunk '{name}' at {layout.points} point(s) along it.",
         f"Made by trunk_ocp {versions()['trunk_ocp']} with {len(model.mesh.widths)} collocation "
         f"elements of degree {model.mesh.degree}.",
         "",
@@ -43,7 +45,7 @@ def header(request: Request) -> str:
         "",
         f"x, {layout.size} numbers, counted from 0:",
         *(f"  {_range(where)}  {name}: {_PARTS[name]}" for name, where in layout.inputs.items()),
-        *_wrapped("Muscles: ", [*layout.muscles]),
+        *_wrapped("Muscles: ", [in_comment(muscle) for muscle in layout.muscles]),
         "",
         f"y, {sum(OUTPUTS.values())} numbers for each point in turn:",
         *(f"  {_range(where)}  {name}: {_PARTS[name]}" for name, where in layout.outputs.items()),

@@ -15,10 +15,11 @@ def in_precision(function):
     """The function, jitted and for a batch, in the precision of what it is given."""
 
     def call(*arrays):
-        with jax.enable_x64(arrays[0].dtype == np.float64):
-            result = jax.jit(jax.vmap(function))(*arrays)
-            assert result.dtype == arrays[0].dtype
-            return np.asarray(result)
+        # Not by jax.enable_x64, which JAX has since 0.8 only.
+        jax.config.update("jax_enable_x64", bool(arrays[0].dtype == np.float64))
+        result = jax.jit(jax.vmap(function))(*arrays)
+        assert result.dtype == arrays[0].dtype
+        return np.asarray(result)
 
     return call
 
