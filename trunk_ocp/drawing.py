@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .ending import described
 from .errors import TrunkError
 from .figures import FORMATS, PARTS, draw_anatomy, draw_comparison
 from .page import write_page
@@ -75,6 +76,4 @@ def _subject(part: Callable[..., Any]) -> str:
 
 
 def _sentence(what: str, error: BaseException) -> str:
-    """Says that a picture is missing, and why; of an error that is no user's, its kind as well."""
-    told = str(error) if isinstance(error, TrunkError) else f"{type(error).__name__}: {error}"
-    return f"could not draw {what}: {told}"
+    return f"could not draw {what}: {described(error).rstrip('.')}."

@@ -103,6 +103,8 @@ def needed(
 
     hard: dict[int, Plan] = {}  # and where to start from
     for number, muscles in enumerate(tasks):
+        if reporter is not None and reporter.stop:
+            raise KeyboardInterrupt
         spare = can_be_off(plan, muscles)
         start = least_cost(plan, off=muscles) if spare else plan
         if spare and start.objective.total <= CHEAP * plan.objective.total:
