@@ -1,4 +1,4 @@
-"""Command line: `solve-motion` and `trunk-ocp`."""
+"""What `solve-motion`, `trunk-ocp tables` and `trunk-ocp schema` do; options are in commands."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .checkpoint import FILE, Checkpoint
-from .command import clean_errors, verdict
+from .command import verdict
+from .commands import main as main
+from .commands import solve as solve
 from .comparison import compare
 from .diagnosis import explain
+from .ending import optional, warn
 from .errors import InputError
-from .exporting import export_model
 from .files import alone, write
 from .interrupts import INTERRUPTED, Interrupts
 from .motion import Motion, load_motion
 from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
-from .questions import compare_ways, many_starts, redundant, survey_limits
 from .reporting import Reporter
-from .runs import convert, explain_run, view
 from .screen import (
     Screen,
     comparison_table,
@@ -47,51 +47,7 @@ from .storage import save_diagnosis, save_plan, summary
 logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
-@click.command("solve")
-@click.version_option(package_name="trunk_ocp")
-@click.argument("problem", default="pick-fruit")
-@click.option(
-    "--mode",
-    type=click.Choice(["horizon", "sequential", "both"]),
-    default="horizon",
-    show_default=True,
-    help="Plan all time steps as one programme, one step after the other, or both ways.",
-)
-@click.option(
-    "--lookahead",
-    type=click.IntRange(min=1),
-    metavar="H",
-    help="Plan H time steps at a time (a receding horizon); instead of --mode.",
-)
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Where results go.  [default: results/PROBLEM]",
-)
-@click.option("--linear-solver", default="mumps", show_default=True, help="Linear solver of Ipopt.")
-@click.option(
-    "--max-iterations",
-    type=click.IntRange(min=1),
-    default=1000,
-    show_default=True,
-    help="Most iterations of one solve.",
-)
-@click.option(
-    "--starts",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Solve a horizon from N starts and keep the best: the sequential plan, the passive "
-    "trunk, random ones.",
-    metavar="N",
-)
-@click.option("--resume", is_flag=True, help="Go on with an unfinished run, from its last window.")
-@click.option("--no-figures", is_flag=True, help="Draw no figures and no page.")
-@click.option("--film", is_flag=True, help="Make a film as well: half a minute or more.")
-@click.option("--quiet", is_flag=True, help="Print nothing but what went wrong.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
-def solve(
+def run_solve(
     problem: str,
     mode: str,
     lookahead: int | None,
@@ -105,15 +61,7 @@ def solve(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Plan a motion: which muscles contract when, and how the head turns.
-
-    PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of
-    your own.
-
-    Exit codes: 0 solved and verified; 2 bad usage or problem file, or files that cannot be
-    written; 3 not converged, not verified, unstable, or a target out of reach (what was reached
-    is saved and marked); 4 interrupted (the best so far is saved).
-    """
+    """Plan a motion, show and save what came of it, and end with its exit code."""
     context = click.get_current_context()
     source = context.get_parameter_source("mode")
     if lookahead is not None and source is not click.core.ParameterSource.DEFAULT:
@@ -121,7 +69,7 @@ def solve(
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
     command = json.loads(json.dumps(context.params, default=str))
-    with Interrupts() as interrupts, clean_errors():
+    with _interrupts() as interrupts:
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -145,7 +93,8 @@ def solve(
             for plan in plans:
                 console.print(step_table(plan))
                 verdict(console, plan)
-                _tell(console, plan, folder / plan_folder(plan))
+                with optional(f"the {plan.mode} plan is saved, but not its diagnosis"):
+                    _tell(console, plan, folder / plan_folder(plan))
             if figures:
                 console.print(comparison_table(figures))
             with _interrupted_drawing(console):
@@ -153,7 +102,8 @@ def solve(
                     _draw(plans, folder, console)
                 if film and not interrupts.came:
                     for plan in plans:
-                        _film(plan, folder / plan_folder(plan), console)
+                        with optional(f"could not make the film of the {plan.mode} plan"):
+                            _film(plan, folder / plan_folder(plan), console)
         if not finished:
             console.print("solve-motion --resume, with the same options, goes on from here.")
         console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
@@ -167,11 +117,22 @@ def solve(
         sys.exit(INTERRUPTED if interrupts.came else max(codes))
 
 
+@contextmanager
+def _interrupts() -> Iterator[Interrupts]:
+    """Those of the command, with what to do after one that ends at once."""
+    interrupts = Interrupts.current or Interrupts()
+    interrupts.hint = "solve-motion --resume, with the same options, goes on from the last window."
+    yield interrupts
+
+
 def _save(plans: list[Plan], folder: Path) -> dict[str, dict[str, Any]]:
     """Write plans to their folders; of two plans, their measures as well, which are returned."""
     for plan in plans:
         save_plan(plan, folder / plan_folder(plan))
-    figures = compare(*plans) if len(plans) == 2 else {}
+    figures: dict[str, dict[str, Any]] = {}
+    if len(plans) == 2:
+        with optional("the plans are saved, but could not be compared"):
+            figures = compare(*plans)
     if figures:
         write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
     return figures
@@ -236,9 +197,11 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     from .drawing import draw_run  # matplotlib takes its time
 
     with console.status("drawing figures; Ctrl-C leaves them out"):
-        page = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
-    if page is not None:
-        console.print(f"Turn it in a browser: {page}", markup=False, soft_wrap=True)
+        drawn = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
+    for sentence in drawn.failed:
+        warn(f"{sentence} The plans are saved.")
+    if drawn.page is not None:
+        console.print(f"Turn it in a browser: {drawn.page}", markup=False, soft_wrap=True)
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -282,34 +245,21 @@ def _tell(console: Console, plan: Plan, folder: Path) -> None:
         console.print(line, soft_wrap=True)
 
 
-@click.group()
-@click.version_option(package_name="trunk_ocp")
-def main() -> None:
-    """Plan whole motions of a muscular trunk."""
-
-
-@main.command("tables")
-@click.option("--anatomy", default="asian-elephant", show_default=True, help="Name or file.")
-def tables(anatomy: str) -> None:
-    """Print what each muscle group does, and how strongly (the paper's Tables 2 and 3)."""
-    console = Console(file=standard_output(), highlight=False)
-    with clean_errors():
-        trunk = load_anatomy(anatomy)
-        if not trunk.muscles:
-            click.echo(f"{trunk.name} has no muscles.")
-            return
+def print_tables(anatomy: str) -> None:
+    """Print the paper's Tables 2 and 3 of an anatomy."""
+    output = standard_output()
+    console = Console(file=output, highlight=False)
+    trunk = load_anatomy(anatomy)
+    if trunk.muscles:
         console.print(sign_table(trunk))
         console.print(rank_table(trunk))
+    else:
+        click.echo(f"{trunk.name} has no muscles.")
+    output.check()
 
 
-@main.command("schema")
-def schema() -> None:
-    """Print the JSON Schema of problem files, for editors."""
-    click.echo(json.dumps(problem_schema(), indent=2))
-
-
-main.add_command(solve)
-for command in (explain_run, view, convert, export_model):
-    main.add_command(command)
-for command in (redundant, compare_ways, survey_limits, many_starts):
-    main.add_command(command)
+def print_schema() -> None:
+    """Print the JSON Schema of problem files."""
+    output = standard_output()
+    click.echo(json.dumps(problem_schema(), indent=2), file=output)
+    output.check()

@@ -1,43 +1,16 @@
-"""What all commands share: how errors end them, and which finished run a user means."""
+"""What commands about plans share: which finished run a user means, and how its plans ended."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import click
 from rich.console import Console
 
 from .checkpoint import FILE
-from .errors import InputError, TrunkError
-from .interrupts import INTERRUPTED
+from .ending import clean_errors as clean_errors
+from .errors import InputError
 from .solution import Plan, Status
 from .storage import load_plan
-
-BAD_INPUT = 2
-
-
-@contextmanager
-def clean_errors() -> Iterator[None]:
-    """Errors a user can mend become a message and exit code 2."""
-    try:
-        yield
-    except (TrunkError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
-        sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        _interrupted()
-    except (RuntimeError, SystemError) as error:
-        if "KeyboardInterrupt" not in f"{error} {error.__cause__!r}":
-            raise
-        _interrupted()  # in the middle of CasADi, which makes an error of its own of it
-
-
-def _interrupted() -> None:
-    click.echo("Interrupted; nothing more was saved.", err=True)
-    sys.exit(INTERRUPTED)
 
 
 def finished(run: str) -> tuple[Path, dict[Path, Plan]]:

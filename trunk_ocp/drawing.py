@@ -2,94 +2,78 @@
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .ending import described
 from .errors import TrunkError
 from .figures import FORMATS, PARTS, draw_anatomy, draw_comparison
-from .files import discard_unfinished
 from .page import write_page
+from .parallel import Job, cores, finished
 from .solution import Plan
 
 PROCESSES = 2
 PAGE = "motion.html"
 
 
-def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Path | None:
+@dataclass(frozen=True)
+class Drawn:
+    """What came of the pictures of a run.
+
+    Attributes
+    ----------
+    page : Path or None
+        The page to turn the trunk in; None if there is none.
+    failed : tuple of str
+        A sentence for each picture that could not be drawn.
+    """
+
+    page: Path | None
+    failed: tuple[str, ...]
+
+
+def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Drawn:
     """Draw the figures of plans into their folders, and what they share into `folder`.
 
     Figures of one plan go to its folder's `figures/`, those of the trunk and of two plans
-    together to `folder / "figures"`, the page to `folder / PAGE`.
-
-    Returns
-    -------
-    The page; None if no plan has a time step.
-
-    Raises
-    ------
-    InputError
-        If something cannot be written there.
-    TrunkError
-        If a process that draws was ended from outside.
+    together to `folder / "figures"`, the page to `folder / PAGE`. A picture that fails stops no
+    other, whatever its error: the plans are worth more than pictures of them.
     """
     drawn = [pair for pair in zip(plans, folders, strict=True) if len(pair[0].x)]
     if not drawn:
-        return None
-    work: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [
-        (part, (plan, place / "figures", FORMATS)) for part in PARTS for plan, place in drawn
-    ]
+        return Drawn(None, ())
+    work: dict[str, Job[Any]] = {"the page": (write_page, ([p for p, _ in drawn], folder / PAGE))}
+    for part in PARTS:
+        for plan, place in drawn:
+            work[f"the {plan.mode} plan's {_subject(part)}"] = (
+                part,
+                (plan, place / "figures", FORMATS),
+            )
     if len(drawn) == 2:
-        work.append((draw_comparison, (drawn[0][0], drawn[1][0], folder / "figures")))
-    work.append((draw_anatomy, (plans[0].motion.trunk, folder / "figures")))
-    # New processes: what is forked from one with solver threads may hang.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(PROCESSES, context, _serve)
+        both = (drawn[0][0], drawn[1][0], folder / "figures")
+        work["the comparison of both plans"] = (draw_comparison, both)
+    work["the anatomy"] = (draw_anatomy, (plans[0].motion.trunk, folder / "figures"))
+    names, failed, page = [*work], [], None
+    left = set(names)
     try:
-        tasks = [pool.submit(function, *arguments) for function, arguments in work]
-        page = write_page([plan for plan, _ in drawn], folder / PAGE)
-        for task in tasks:
-            task.result()
-    except BrokenProcessPool:
-        raise TrunkError(
-            "The figures are not complete: a process that draws was ended from outside, perhaps "
-            "for want of memory. The plans are saved; --no-figures draws none."
-        ) from None
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-    return page
+        for number, future in finished([*work.values()], min(PROCESSES, cores())):
+            left.discard(names[number])
+            error = future.exception()
+            if error is not None:
+                failed.append(_sentence(names[number], error))
+            elif names[number] == "the page":
+                page = future.result()
+    except TrunkError as error:
+        failed.append(_sentence(", ".join(name for name in names if name in left), error))
+    return Drawn(page, tuple(failed))
 
 
-def _serve() -> None:
-    """Begin a process that draws: it ends with the one that started it, and only with that.
-
-    Ctrl-C reaches every process at once; the first one answers for all.
-    """
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in the one that started it
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: _leave())
-    threading.Thread(target=_follow, daemon=True).start()
+def _subject(part: Callable[..., Any]) -> str:
+    """What a function that draws is about: `draw_shapes` draws shapes."""
+    return part.__name__.removeprefix("draw_")
 
 
-def _follow() -> None:
-    """Wait for the end of the process that started this one; killed, it cannot tell."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        _leave()
-
-
-def _leave() -> None:
-    discard_unfinished()
-    os._exit(1)
+def _sentence(what: str, error: BaseException) -> str:
+    return f"could not draw {what}: {described(error).rstrip('.')}."

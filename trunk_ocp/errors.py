@@ -29,6 +29,11 @@ class StaticsError(TrunkError):
         super().__init__(message)
         self.load_fraction = load_fraction
 
+    def __reduce__(self) -> tuple[type[StaticsError], tuple[str, float]]:
+        # An exception is pickled as its class and `args`, which are those of its base: too few
+        # here. Without this one such error breaks a whole pool of processes.
+        return type(self), (str(self), self.load_fraction)
+
 
 class SolverMissingError(TrunkError):
     """The requested linear solver is not part of this installation."""
@@ -52,3 +57,6 @@ class PlanError(TrunkError):
             "error's `plan`; throw=False returns it instead, and explain(plan) says more."
         )
         self.plan = plan
+
+    def __reduce__(self) -> tuple[type[PlanError], tuple[Plan]]:
+        return type(self), (self.plan,)  # see StaticsError

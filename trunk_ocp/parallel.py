@@ -1,26 +1,51 @@
 """Independent computations side by side, in processes of one thread each.
 
-Results do not depend on the number of processes: every task is computed from its arguments alone.
+The only place that starts processes. Results do not depend on how many there are: every task is
+computed from its arguments alone. Where no process can be started (no shared memory, no room for
+more processes, a daemon process) the tasks are computed here, one after the other.
 """
 
 from __future__ import annotations
 
+import logging
+import math
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from multiprocessing.synchronize import Event
+import sys
+import threading
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
-from .reporting import Progress, Reporter
+from .errors import TrunkError
+from .files import discard_unfinished
+from .reporting import Reporter
+from .threads import one_thread
 
 T = TypeVar("T")
+Job = tuple[Callable[..., T], tuple[Any, ...]]
+"""A function of a module, for processes to find it, and its arguments."""
 Done = Callable[[int, int], object]
 """Told how many tasks are done, and of how many."""
 POLL = 0.2  # s between two looks at whether the user wants to stop
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+CGROUP = Path("/sys/fs/cgroup")
+
+
+def cores() -> int:
+    """Number of processors that this process may use: its affinity and its container's quota."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    count = len(affinity(0)) if affinity else os.cpu_count() or 1
+    with suppress(OSError, ValueError):
+        quota, period = (CGROUP / "cpu.max").read_text().split()
+        if quota != "max":
+            count = min(count, math.ceil(int(quota) / int(period)))
+    return max(count, 1)
 
 
 def run(
@@ -29,6 +54,7 @@ def run(
     processes: int | None = None,
     reporter: Reporter | None = None,
     done: Done | None = None,
+    found: Callable[[int, T], object] | None = None,
 ) -> list[T]:
     """Call a function with the arguments of each task, and a reporter behind them.
 
@@ -36,10 +62,12 @@ def run(
     ----------
     function : of a module, for processes to find it
     processes : int, optional
-        1 computes here, one task after the other; by default one for each core. A script that
-        asks for more needs `if __name__ == "__main__"`, as every use of `multiprocessing` does.
+        1 computes here, one task after the other; by default one for each core that this process
+        may use.
     reporter : Reporter, optional
-        Its `stop` ends all tasks after their current iterations.
+        Its `stop` ends all tasks: at once in other processes, after the current iteration here.
+    found : callable, optional
+        Called with (number of the task, its result) as soon as there is one.
 
     Returns
     -------
@@ -49,44 +77,24 @@ def run(
     ------
     KeyboardInterrupt
         If the reporter asks to stop before all is done.
+    TrunkError
+        If a process was ended from outside.
     """
     reporter, done = reporter or Reporter(), done or (lambda _, __: None)
-    count = min(processes or os.cpu_count() or 1, len(tasks))
+    count = min(processes or cores(), len(tasks))
+    here = count <= 1 or not may_start()
+    told = (reporter,) if here else (Reporter(),)
+    jobs: list[Job[T]] = [(function, (*task, *told)) for task in tasks]
+    results: dict[int, T] = {}
     done(0, len(tasks))
-    if count > 1:
-        return _side_by_side(function, tasks, count, reporter, done)
-    results = []
-    for task in tasks:
-        results.append(function(*task, reporter))
-        _check(reporter)
-        done(len(results), len(tasks))
-    return results
-
-
-def _side_by_side(
-    function: Callable[..., T],
-    tasks: Sequence[tuple[Any, ...]],
-    count: int,
-    reporter: Reporter,
-    done: Done,
-) -> list[T]:
-    # New processes: what is forked from one with solver threads may hang.
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    with _one_thread(), ProcessPoolExecutor(count, context, _begin, (stop,)) as pool:
-        try:
-            futures = [pool.submit(_call, function, task) for task in tasks]
-            waiting = set(futures)
-            while waiting:
-                finished, waiting = wait(waiting, POLL, FIRST_COMPLETED)
-                for future in finished:
-                    future.result()  # raises at once what a task raised
-                _check(reporter)
-                done(len(tasks) - len(waiting), len(tasks))
-            return [future.result() for future in futures]
-        finally:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
+    with closing(finished(jobs, 1 if here else count, lambda: _check(reporter))) as ended:
+        for number, future in ended:
+            result = results[number] = future.result()  # raises what the task raised
+            _check(reporter)
+            if found is not None:
+                found(number, result)
+            done(len(results), len(tasks))
+    return [results[number] for number in range(len(tasks))]
 
 
 def _check(reporter: Reporter) -> None:
@@ -94,40 +102,132 @@ def _check(reporter: Reporter) -> None:
         raise KeyboardInterrupt
 
 
-class _Listener(Reporter):
-    """Stops a task when the process that started it says so."""
+def finished(
+    jobs: Sequence[Job[T]], processes: int, check: Callable[[], object] = lambda: None
+) -> Generator[tuple[int, Future[T]]]:
+    """Number and future of each job as it ends; a job that failed has its error in its future.
 
-    def __init__(self, stop: Event) -> None:
-        self._event = stop
-        self.stop = stop.is_set()
+    Parameters
+    ----------
+    check : callable
+        Called a few times a second; what it raises ends all jobs.
 
-    def iteration(self, progress: Progress) -> None:
-        self.stop = self._event.is_set()
+    Raises
+    ------
+    TrunkError
+        If a process was ended from outside.
+    """
+    if processes <= 1 or not may_start():
+        for number, (function, arguments) in enumerate(jobs):
+            yield number, _computed(function, arguments)
+        return
+    with _pool(min(processes, len(jobs))) as pool:
+        waiting = _submitted(pool, jobs)
+        while waiting:
+            ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
+            check()
+            for future in ended:
+                _raise_if_broken(future)
+                yield waiting.pop(future), future
+        if waiting is not None:
+            return
+    yield from finished(jobs, 1)
 
 
-_stops: list[Event] = []  # of a worker process, one
+def _submitted(pool: ProcessPoolExecutor, jobs: Sequence[Job[T]]) -> dict[Future[T], int] | None:
+    """Futures of jobs and their numbers; None if there is no room for a process or a thread."""
+    with _main_left_alone(jobs):
+        try:
+            return {pool.submit(function, *given): n for n, (function, given) in enumerate(jobs)}
+        except (OSError, RuntimeError):
+            return None
 
 
-def _begin(stop: Event) -> None:
-    """Ctrl-C reaches every process at once; the first one answers for all."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _stops.append(stop)
+def _computed(function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
+    """A future that is over: the function called here."""
+    future: Future[T] = Future()
+    try:
+        future.set_result(function(*arguments))
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
-def _call(function: Callable[..., T], task: tuple[Any, ...]) -> T:
-    return function(*task, _Listener(_stops[-1]))
+def _raise_if_broken(future: Future[Any]) -> None:
+    if isinstance(future.exception(), BrokenProcessPool):
+        raise TrunkError(
+            "A process that works beside this one was ended from outside, perhaps for want of "
+            "memory. With processes=1 (--processes 1) all is computed in this one; a script that "
+            "passes functions of its own needs if __name__ == '__main__': around what it runs."
+        ) from None
+
+
+def may_start() -> bool:
+    """Whether processes of our own can be started and spoken with here."""
+    if multiprocessing.current_process().daemon:  # of a pool of the user's
+        return False
+    try:
+        # Needs shared memory, which locked containers lack, and semaphores.
+        multiprocessing.get_context("spawn").Lock()
+    except (OSError, ImportError, NotImplementedError):
+        return False
+    return True
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes that start meanwhile use one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the block, and with this process however it ends."""
+    # New processes: what is forked from one with solver threads may hang.
+    context = multiprocessing.get_context("spawn")
+    reader, writer = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(count, context, _begin, (reader,))
+    try:
+        yield pool
+        pool.shutdown()
+    finally:
+        writer.close()  # whoever still works ends here
+        pool.shutdown(cancel_futures=True)
+        reader.close()
+
+
+@contextmanager
+def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
+    """Processes that start meanwhile do not run the user's script again.
+
+    By default they do, to find functions that it defines. Of ours they need none, and a script
+    without `if __name__ == "__main__":`, or one that came by standard input, would break them.
+    """
+    main = sys.modules["__main__"]
+    if any(getattr(function, "__module__", "") == "__main__" for function, _ in jobs):
+        yield
+        return
+    sys.modules["__main__"] = ModuleType("__main__")
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        sys.modules["__main__"] = main
+
+
+_threads: list[Any] = []  # of a process that works: keeps it at one thread until it ends
+
+
+def _begin(lifeline: Connection) -> None:
+    """Begin a process that works: Ctrl-C reaches all at once, and the first one answers for all."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: _leave())
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in the one that started it
+    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+    _threads.append(one_thread())
+    _threads[-1].__enter__()
+
+
+def _follow(lifeline: Connection) -> None:
+    """Wait until the process that started this one closes the line, or ends, however it ends."""
+    with suppress(EOFError, OSError):
+        lifeline.recv()
+    _leave()
+
+
+def _leave() -> None:
+    discard_unfinished()
+    os._exit(1)

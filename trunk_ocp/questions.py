@@ -13,12 +13,14 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from .command import clean_errors, finished
+from .command import finished
+from .ending import Command, optional
 from .files import write
 from .foresight import foresight, front, survey
 from .interrupts import Interrupts
 from .motion import load_motion
 from .optima import optima
+from .option_types import Number, Numbers
 from .redundancy import Need, needed, redundancy, report
 from .reporting import Reporter
 from .screen import (
@@ -32,7 +34,7 @@ from .solution import Plan
 from .storage import finite
 
 
-@click.command("redundancy")
+@click.command("redundancy", cls=Command)
 @click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
 @click.option("--needed", "ask", is_flag=True, help="Also plan without each muscle: minutes.")
 @click.option(
@@ -50,35 +52,36 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
     Writes redundancy.json and figures/redundancy.
     """
     console = Console(highlight=False)
-    with clean_errors():
-        folder, plans = finished(run)
-        for own, plan in plans.items():
-            place = out / own.relative_to(folder) if out else own
-            with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
-                found = redundancy(plan)
-            if ask and plan.near:
-                console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
-            elif ask:
-                found = replace(found, needs=_needs(plan, console))
-            write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
-            console.print(redundancy_table(found))
-            console.print(version_table(found))
-            if not no_figures:
+    folder, plans = finished(run)
+    for own, plan in plans.items():
+        place = out / own.relative_to(folder) if out else own
+        with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
+            found = redundancy(plan)
+        if ask and plan.near:
+            console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
+        elif ask:
+            found = replace(found, needs=_needs(plan, console))
+        write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
+        console.print(redundancy_table(found))
+        console.print(version_table(found))
+        if not no_figures:
+            with optional("could not draw the ranges"):
                 from .figures import FORMATS
                 from .figures.redundancy import draw_redundancy
 
                 draw_redundancy(found, place / "figures", FORMATS)
-            console.print(f"Results are in {place}/", soft_wrap=True)
+        console.print(f"Results are in {place}/", markup=False, soft_wrap=True)
 
 
 def _needs(plan: Plan, console: Console) -> tuple[Need, ...]:
     """What a motion is like without each muscle, with a line that says how far this is."""
-    with console.status("planning without each muscle") as line:
+    reporter, interrupts = Reporter(), Interrupts.current or Interrupts()
+    with console.status("planning without each muscle") as line, interrupts.patience(reporter):
 
         def show(done: int, total: int, need: Need) -> None:
             line.update(f"planning without each muscle: {done} of {total}")
 
-        return needed(plan, progress=show)
+        return needed(plan, progress=show, reporter=reporter)
 
 
 def _shared(command: Callable[..., None]) -> Callable[..., None]:
@@ -87,7 +90,7 @@ def _shared(command: Callable[..., None]) -> Callable[..., None]:
         click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and no more."),
         click.option(
             "--processes",
-            type=click.IntRange(min=1),
+            type=Number("processes"),
             metavar="N",
             help="Plan N at a time.  [default: one for each core]",
         ),
@@ -115,44 +118,29 @@ def _counting(console: Console, what: str) -> Iterator[tuple[Reporter, Callable[
         disable=console.quiet,
     )
     reporter = Reporter()
-    with Interrupts() as interrupts, interrupts.patience(reporter), bar:
+    interrupts = Interrupts.current or Interrupts()
+    with interrupts.patience(reporter), bar:
         task = bar.add_task(what, total=None)
         yield reporter, lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _positive(_: click.Context, __: click.Parameter, value: str | None) -> list[float | None]:
-    """Values above 0 of an option; "none" is no limit."""
-    try:
-        return [None if part == "none" else float(part) for part in (value or "none").split(",")]
-    except ValueError:
-        raise click.BadParameter(f"{value!r}: expected numbers with commas, or none.") from None
-
-
-def _steps(_: click.Context, __: click.Parameter, value: str | None) -> list[int] | None:
-    """Whole numbers with commas."""
-    try:
-        return None if value is None else [int(part) for part in value.split(",")]
-    except ValueError:
-        raise click.BadParameter(f"{value!r}: expected whole numbers with commas.") from None
-
-
-@click.command("compare")
+@click.command("compare", cls=Command)
 @click.argument("problem", default="pick-fruit")
 @click.option(
     "--max-activation",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number("activation limit"),
     metavar="A",
     help="Contract no muscle by more than A.",
 )
 @click.option(
     "--max-rate",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number("rate limit"),
     metavar="R",
     help="Change no activation faster than R per second, over each time step.",
 )
 @click.option(
     "--lookaheads",
-    callback=_steps,
+    type=Numbers("lookahead"),
     metavar="H,...",
     help="Some only, such as 1,2,5.  [default: all]",
 )
@@ -178,35 +166,45 @@ def compare_ways(
     is solved and verified, else as solve-motion's.
     """
     console = Console(quiet=as_json, highlight=False)
-    with clean_errors():
-        motion = load_motion(problem)
-        folder = out or Path("results") / motion.name / "compare"
-        with _counting(console, motion.name) as (reporter, done):
-            result = foresight(
-                motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
-            )
-        report = finite(result.as_dict())
-        write(folder / "comparison.json", json.dumps(report, indent=2) + "\n")
-        console.print(foresight_table(result))
-        if not no_figures:
+    motion = load_motion(problem)
+    folder = out or Path("results") / motion.name / "compare"
+    with _counting(console, motion.name) as (reporter, done):
+        result = foresight(
+            motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
+        )
+    report = finite(result.as_dict())
+    write(folder / "comparison.json", json.dumps(report, indent=2) + "\n")
+    console.print(foresight_table(result))
+    if not no_figures:
+        with optional("could not draw the comparison"):
             from .figures import draw_foresight
 
             draw_foresight(result, folder)
-        console.print(f"Results are in {folder}/")
-        if as_json:
-            click.echo(json.dumps(report, indent=2))
-        sys.exit(result.curve.best.status.exit_code)
+    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))
+    sys.exit(result.curve.best.status.exit_code)
 
 
-@click.command("survey")
+@click.command("survey", cls=Command)
 @click.argument("problem", default="pick-fruit")
 @click.option(
-    "--max-activations", callback=_positive, metavar="A,...", help="Such as none,2.5,2: in turn."
+    "--max-activations",
+    type=Numbers("activation limit", none="none"),
+    default="none",
+    metavar="A,...",
+    help="Such as none,2.5,2: in turn.",
 )
-@click.option("--max-rates", callback=_positive, metavar="R,...", help="In 1/s, such as none,2,1.")
+@click.option(
+    "--max-rates",
+    type=Numbers("rate limit", none="none"),
+    default="none",
+    metavar="R,...",
+    help="In 1/s, such as none,2,1.",
+)
 @click.option(
     "--lookaheads",
-    callback=_steps,
+    type=Numbers("lookahead"),
     metavar="H,...",
     help="Some only, such as 1,2,5.  [default: all]",
 )
@@ -228,35 +226,44 @@ def survey_limits(
     survey.json, front.json and their figures.
     """
     console = Console(quiet=as_json, highlight=False)
-    with clean_errors():
-        motion = load_motion(problem)
-        folder = out or Path("results") / motion.name / "survey"
-        with _counting(console, f"{motion.name}, limits") as (reporter, done):
-            cells = survey(
-                motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
-            )
-        with _counting(console, f"{motion.name}, smoothness") as (reporter, done):
-            curve = front(motion, processes=processes, reporter=reporter, done=done)
-        cells, curve = finite(cells), finite(curve)
-        write(folder / "survey.json", json.dumps(cells, indent=2) + "\n")
-        write(folder / "front.json", json.dumps(curve, indent=2) + "\n")
-        console.print(survey_table(cells))
-        if not no_figures:
-            from .figures import draw_front, draw_survey
+    motion = load_motion(problem)
+    folder = out or Path("results") / motion.name / "survey"
+    with _counting(console, f"{motion.name}, limits") as (reporter, done):
+        cells = survey(
+            motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
+        )
+    with _counting(console, f"{motion.name}, smoothness") as (reporter, done):
+        curve = front(motion, processes=processes, reporter=reporter, done=done)
+    cells, curve = finite(cells), finite(curve)
+    write(folder / "survey.json", json.dumps(cells, indent=2) + "\n")
+    write(folder / "front.json", json.dumps(curve, indent=2) + "\n")
+    console.print(survey_table(cells))
+    if not no_figures:
+        from .figures import draw_front, draw_survey
 
+        with optional("could not draw the survey"):
             draw_survey(cells, folder, ("pdf", "png"))
+        with optional("could not draw the front"):
             draw_front(curve, folder, ("pdf", "png"))
-        console.print(f"Results are in {folder}/")
-        if as_json:
-            click.echo(json.dumps({"survey": cells, "front": curve}, indent=2))
+    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    if as_json:
+        click.echo(json.dumps({"survey": cells, "front": curve}, indent=2))
 
 
-@click.command("optima")
+@click.command("optima", cls=Command)
 @click.argument("problem", default="pick-fruit")
-@click.option("--lookahead", type=click.IntRange(min=1), metavar="H", help="1: sequential; "
-              "default: horizon.")  # fmt: skip
-@click.option("--starts", type=click.IntRange(min=0), default=20, show_default=True, metavar="N")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the random starts.")
+@click.option(
+    "--lookahead", type=Number("lookahead"), metavar="H", help="1: sequential; default: horizon."
+)
+@click.option("--starts", type=Number("random starts"), default=20, show_default=True, metavar="N")
+@click.option(
+    "--seed",
+    type=Number("seed"),
+    default=0,
+    show_default=True,
+    metavar="S",
+    help="Of the random starts.",
+)
 @_shared
 def many_starts(
     problem: str,
@@ -272,14 +279,13 @@ def many_starts(
     And from its mirror image and the passive trunk. DIR has optima.json.
     """
     console = Console(quiet=as_json, highlight=False)
-    with clean_errors():
-        motion = load_motion(problem)
-        folder = out or Path("results") / motion.name / "optima"
-        with _counting(console, motion.name) as (reporter, done):
-            found = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
-        report = finite(found.as_dict())
-        write(folder / "optima.json", json.dumps(report, indent=2) + "\n")
-        console.print(optima_table(found))
-        console.print(f"Results are in {folder}/")
-        if as_json:
-            click.echo(json.dumps(report, indent=2))
+    motion = load_motion(problem)
+    folder = out or Path("results") / motion.name / "optima"
+    with _counting(console, motion.name) as (reporter, done):
+        found = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
+    report = finite(found.as_dict())
+    write(folder / "optima.json", json.dumps(report, indent=2) + "\n")
+    console.print(optima_table(found))
+    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    if as_json:
+        click.echo(json.dumps(report, indent=2))

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +10,9 @@ import numpy as np
 from ..comparison import measure
 from ..errors import InputError
 from ..motion import Box, Motion
+from ..parallel import run
 from ..planner import Options, plan_motion
+from ..reporting import Reporter
 from ..solution import Plan
 from ..variants import silenced_spec
 from .variants import can_be_off, least_cost
@@ -63,14 +61,14 @@ def needed(
     without: Sequence[tuple[str, ...]] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
+    reporter: Reporter | None = None,
 ) -> tuple[Need, ...]:
     """How much worse a motion gets without a muscle.
 
     A muscle that can be off at the planned shapes costs no target anything, and no more than
     the effort of its substitutes. If that is more than `CHEAP`, or if there are none, the motion
     is planned again as a horizon that starts from there: a local optimum, so an upper bound on
-    the loss. Runs on several processes; a script that calls this needs
-    `if __name__ == "__main__":`, as always with those.
+    the loss.
 
     Parameters
     ----------
@@ -79,9 +77,11 @@ def needed(
     without : sequence of tuples of muscle names, optional
         What to take away at a time; by default each muscle by itself.
     workers : int, optional
-        Processes; by default as many as the machine has processors. 1: in this process.
+        Processes; by default one for each core that this process may use. 1: in this process.
     progress : callable, optional
         Called with (done, total, result) after each.
+    reporter : Reporter, optional
+        Its `stop` ends all, with KeyboardInterrupt.
 
     Raises
     ------
@@ -104,40 +104,32 @@ def needed(
 
     hard: dict[int, Plan] = {}  # and where to start from
     for number, muscles in enumerate(tasks):
+        if reporter is not None and reporter.stop:
+            raise KeyboardInterrupt
         spare = can_be_off(plan, muscles)
         start = least_cost(plan, off=muscles) if spare else plan
         if spare and start.objective.total <= CHEAP * plan.objective.total:
             note(number, _need(muscles, True, start, reference))
         else:
             hard[number] = start
-    workers = min(workers or os.cpu_count() or 1, len(hard))
-    if workers <= 1:
-        for number, start in hard.items():
-            note(number, _replanned(start, tasks[number], start is not plan, reference))
-    else:
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # of the processes to come
-            os.environ.setdefault(name, "1")
-        # Ctrl-C reaches every process at once; this one answers for all.
-        deaf = (signal.SIGINT, signal.SIG_IGN)
-        spawn = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, spawn, signal.signal, deaf)
-        try:
-            running = {
-                pool.submit(_replanned, start, tasks[n], start is not plan, reference): n
-                for n, start in hard.items()
-            }
-            for future in as_completed(running):
-                note(running[future], future.result())
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    numbers = [*hard]
+    run(
+        _replanned,
+        [(start, tasks[n], start is not plan, reference) for n, start in hard.items()],
+        workers,
+        reporter,
+        found=lambda place, need: note(numbers[place], need),
+    )
     return tuple(found[number] for number in range(len(tasks)))
 
 
-def _replanned(start: Plan, muscles: tuple[str, ...], spare: bool, reference: float) -> Need:
+def _replanned(
+    start: Plan, muscles: tuple[str, ...], spare: bool, reference: float, reporter: Reporter
+) -> Need:
     """Plan again without some muscles, from a plan that may still use them."""
     motion = motion_without(start.motion, muscles)
     options = Options(weights=start.weights)
-    again = plan_motion(motion, None, options, start=start, throw=False)
+    again = plan_motion(motion, None, options, reporter, start, throw=False)
     return _need(muscles, spare, again, reference)
 
 
