@@ -16,7 +16,16 @@ import numpy as np
 from .activation import strain_matrix
 from .anatomy import AnatomySpec
 from .loads import mass_beyond
-from .problem_file import LimitsSpec, LoadsSpec, PhaseSpec, ProblemSpec
+from .problem_file import (
+    MOST_STEPS,
+    LimitsSpec,
+    LoadsSpec,
+    PhaseSpec,
+    ProblemSpec,
+    TargetSpec,
+    WrapSpec,
+)
+from .targets import bezier, way_points
 
 if TYPE_CHECKING:
     from .motion import Motion, Step
@@ -26,10 +35,12 @@ LONGEST_TRUNK = 30.0  # m
 LIGHTEST_TISSUE = 25.0  # kg/m^3; water is 1 in g/cm^3, foams begin here
 LARGEST_SAG = 0.5  # density g L / E: strain of the base under the trunk's own weight
 STRONGEST = 10.0  # activation; the paper's is 3.5
+MOST_CONTROLS = 4  # points of a path; a cubic curve has four, a list of way points has more
 LARGEST_LOAD = 100.0  # times E I / L^2, which bends the trunk to about its own length
 LONGEST_PHASE = 300.0  # s
 SMALLEST_CHANGE = 0.3  # degrees
 SLACK = 1e-6
+OFF_STEP = 1e-4  # share of a step by which a way point may be beside it
 
 Finding = tuple[str, object, str]
 """Key, value, and what it looks like with what to write."""
@@ -180,6 +191,42 @@ def _phase(phase: PhaseSpec, where: str, motion: Motion) -> Iterator[Finding]:
             hint = _smaller(wrap.log_radius, motion.trunk.length / 4)
             yield f"{where}.wrap.log_radius", wrap.log_radius, f"looks like {hint}"
     yield from _loads(phase.loads, f"{where}.loads", motion)
+    for number, target in enumerate(phase.targets, 1):
+        yield from _curve(target, phase, f"{where}.targets[{number}]")
+    if wrap is not None:
+        yield from _curve(wrap, phase, f"{where}.wrap")
+
+
+def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterator[Finding]:
+    """A path whose points look like way points; way points at which nothing is asked."""
+    if place.path is not None and len(place.path) > MOST_CONTROLS:
+        points = np.array(place.path)
+        curve = np.array([bezier(place.path, t) for t in np.linspace(0, 1, 201)])
+        away = np.linalg.norm(points[:, None] - curve, axis=-1).min(axis=1).max()
+        if away > 0:
+            yield (
+                f"{where}.path",
+                f"{len(points)} points",
+                "these are Bezier control points, of which the curve meets the first and the last "
+                f"only and misses others by up to {away:.2g} m; for way points write through = "
+                "[...] in place of path",
+            )
+    if place.through is not None:
+        times, _ = way_points(place.through, phase)
+        yield from _between_steps(times, phase, f"{where}.through")
+
+
+def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:
+    """Way points at times (n,) in s from the phase's start that are at none of its steps."""
+    number = times / phase.duration
+    off = np.abs(number * phase.steps - np.round(number * phase.steps)) > OFF_STEP
+    if not off.any():
+        return
+    counts = np.arange(1, MOST_STEPS + 1)[:, None]
+    fits = np.all(np.abs(number * counts - np.round(number * counts)) <= OFF_STEP, axis=1)
+    hint = f"steps = {np.argmax(fits) + 1} would put one at each" if fits.any() else "add steps"
+    text = f"{off.sum()} of them lie between time steps, at which alone targets are asked for"
+    yield key, f"{len(times)} way points", f"{text}; {hint}"
 
 
 def _loads(spec: LoadsSpec, where: str, motion: Motion) -> Iterator[Finding]:
