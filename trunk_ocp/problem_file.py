@@ -97,9 +97,9 @@ class TargetSpec(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> TargetSpec:
-        places = [v for v in (self.position, self.path, self.through) if v is not None]
+        places = [n for n in ("position", "path", "through") if getattr(self, n) is not None]
         if len(places) > 1:
-            raise ValueError("a target has a position, a path or through, one of them only")
+            raise ValueError(f"a target has {places[0]} or {places[1]}, not both")
         if not places and all(v is None for v in (self.d1, self.d2, self.d3)):
             raise ValueError("a target needs a position, a path, through or a direction d1, d2, d3")
         if self.through is not None:
@@ -127,7 +127,7 @@ class WrapSpec(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> WrapSpec:
         if sum(v is not None for v in (self.center, self.path, self.through)) != 1:
-            raise ValueError("a wrap has one of center, path and through, which place its center")
+            raise ValueError("a wrap has either a center or a path of the center, or through")
         if self.through is not None:
             _check_rows(self.through)
         if not self.Z[0] < self.Z[1]:

@@ -34,6 +34,7 @@ MOST_WARNINGS = 20
 LONGEST_TRUNK = 30.0  # m
 LIGHTEST_TISSUE = 25.0  # kg/m^3; water is 1 in g/cm^3, foams begin here
 LARGEST_SAG = 0.5  # density g L / E: strain of the base under the trunk's own weight
+POINTED = 0.01  # of the base's radius, below which a tip counts as a point
 STRONGEST = 10.0  # activation; the paper's is 3.5
 MOST_CONTROLS = 4  # points of a path; a cubic curve has four, a list of way points has more
 LARGEST_LOAD = 100.0  # times E I / L^2, which bends the trunk to about its own length
@@ -90,6 +91,10 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
             f"weight alone would strain the trunk by {sag:.2g}; it looks like {unit}, "
             f"write {E * (1e6 if unit == 'MPa' else 1e3):g} for Pa",
         )
+    tip = spec.base_radius_over_length - math.tan(math.radians(spec.taper_deg))
+    if tip < POINTED * spec.base_radius_over_length:
+        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point"
+        yield "taper_deg", spec.taper_deg, f"{text}, that bends without limit; make it smaller"
     if 0 < spec.taper_deg < 0.15:
         yield "taper_deg", spec.taper_deg, _radians((spec.taper_deg,))
     for name in ("xi_z_deg", "xi_y_deg", "xi_d_deg"):
@@ -104,8 +109,10 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
 
 
 def _smaller(value: float, most: float) -> str:
-    unit, factor = ("cm", 1e-2) if value * 1e-2 <= most else ("mm", 1e-3)
-    return f"{unit}; write {value * factor:g} for m"
+    """Which units a length that is too large may be in, and what to write for m."""
+    if value * 1e-2 > most:
+        return f"mm; write {value * 1e-3:g} for m"
+    return f"mm or cm; write {value * 1e-3:g} or {value * 1e-2:g} for m"
 
 
 def _grams(density: float) -> str:
@@ -149,12 +156,15 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
     if spec.activation is not None:
         pairs = {f"{where}.activation": spec.activation, **pairs}
     for key, (low, high) in pairs.items():
-        if max(-low, high) > STRONGEST:
-            text = "looks like percent; an activation is a share of a fibre's length"
-            yield key, (low, high), f"{text}, [{low / 100:g}, {high / 100:g}]"
-        elif low >= 0 < high:
-            text = f"only lengthens; negative contracts, [{-high:g}, {-low + 0.0:g}]"
+        percent, only_lengthens = max(-low, high) > STRONGEST, low >= 0 < high
+        unit = 100 if percent else 1
+        least, most = (-high, -low) if only_lengthens else (low, high)
+        text = f"negative contracts; write [{least / unit:g}, {most / unit + 0.0:g}]"
+        if percent:
+            text = f"looks like percent; an activation is a share of a fiber's length, and {text}"
             yield key, (low, high), text
+        elif only_lengthens:
+            yield key, (low, high), f"only lengthens; {text}"
     for name in ("head_z_deg", "head_y_deg"):
         angles = getattr(spec, name)
         if angles is not None and 0 < max(map(abs, angles)) <= math.pi / 2:

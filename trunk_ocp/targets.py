@@ -157,11 +157,11 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
     if not 0 <= Z <= trunk.length:
-        units = (("cm", 1e-2), ("mm", 1e-3))
-        fits = (f" Is it in {u}? Write {f * Z:g}." for u, f in units if 0 < f * Z <= trunk.length)
+        units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
+        names, values = " or ".join(u for u, _ in units), " or ".join(f"{v:g}" for _, v in units)
+        hint = f" Is it in {names}? Write {values}." if units and Z > 5 * trunk.length else ""
         raise InputError(
-            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
-            f"{next(fits, '') if Z > 5 * trunk.length else ''}"
+            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m.{hint}"
         )
 
 
