@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .activation import strains
+from .free_choices import held_heads, one_sided
 from .motion import allowed
 from .postoptimal import Response, responses
 from .relaxation import PHYSICAL, Excess, contradictions, nearest, reach, said
@@ -103,7 +104,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     Diagnosis
         Its findings in order: failures, warnings, notes.
     """
-    findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
+    findings = [*_failures(plan, deep, reporter), *_warnings(plan), *_choices(plan, deep, reporter)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
     asked = deep and plan.verified and plan.status is not Status.INTERRUPTED
@@ -308,6 +309,23 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     if plan.near and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan leaves the horizon's bounds on change", told)
+
+
+def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
+    """What a plan does though its task does not ask for it."""
+    sided = one_sided(plan) if plan.converged else ""
+    if sided:
+        told = f"{sided}; head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
+        yield Finding("note", "the task is the same to both sides, the plan is not", (told,))
+    if not (deep and plan.mode == "horizon" and plan.status is Status.SOLVED):
+        return
+    held = at_bounds(plan)["head"]
+    angles = {i for i, name in enumerate(("psi_Z", "psi_Y")) if name in held} | (
+        {0} if sided else set()
+    )
+    told = tuple(held_heads(plan, angles, reporter))
+    if told:
+        yield Finding("note", "what the head's turning is worth", told)
 
 
 def _change_excess(plan: Plan) -> float:
