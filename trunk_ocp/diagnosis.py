@@ -315,17 +315,14 @@ def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Find
     """What a plan does though its task does not ask for it."""
     sided = one_sided(plan) if plan.converged else ""
     if sided:
-        told = f"{sided}; head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
-        yield Finding("note", "the task is the same to both sides, the plan is not", (told,))
+        yield Finding("note", "the task is the same to both sides, the plan is not", (sided,))
     if not (deep and plan.mode == "horizon" and plan.status is Status.SOLVED):
         return
     held = at_bounds(plan)["head"]
-    angles = {i for i, name in enumerate(("psi_Z", "psi_Y")) if name in held} | (
-        {0} if sided else set()
-    )
-    told = tuple(held_heads(plan, angles, reporter))
-    if told:
-        yield Finding("note", "what the head's turning is worth", told)
+    angles = {i for i, name in enumerate(("psi_Z", "psi_Y")) if name in held or (sided and i == 0)}
+    costs = tuple(held_heads(plan, angles, reporter))
+    if costs:
+        yield Finding("note", "what the head's turning is worth", costs)
 
 
 def _change_excess(plan: Plan) -> float:

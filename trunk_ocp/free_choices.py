@@ -22,6 +22,7 @@ from .solution import Plan, Status
 LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
 TURNS = np.radians(1.0)  # of a head that turns
 ITERATIONS = 300
+TINY = np.finfo(float).tiny
 AXES = ("z", "y")  # psi_Z, psi_Y
 
 
@@ -34,14 +35,17 @@ def one_sided(plan: Plan) -> str:
     turned = plan.head[np.argmax(np.abs(plan.head[:, 0])), 0]
     if max(muscles, abs(turned)) <= LEANS:
         return ""
-    head = ""
+    told = (
+        f"activations of right and left differ by up to {muscles:.2g}, and could be exchanged at "
+        "the same cost"
+    )
     if abs(turned) > TURNS:
         degrees = np.degrees(turned)
-        head = f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would do as well; "
-    return (
-        f"{head}activations of right and left differ by up to {muscles:.2g}, and could be "
-        "exchanged at the same cost"
-    )
+        told = (
+            f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would do as well; {told}; "
+            "head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
+        )
+    return told
 
 
 def held_heads(plan: Plan, angles: set[int], reporter: Reporter | None = None) -> Iterator[str]:
@@ -66,7 +70,7 @@ def held_heads(plan: Plan, angles: set[int], reporter: Reporter | None = None) -
 def _cost(plan: Plan, again: Plan, angle: int) -> str:
     """A plan with a head angle held, beside the plan."""
     name = f"psi_{AXES[angle].upper()}"
-    ratio = again.objective.total / plan.objective.total if plan.objective.total else np.inf
+    more = 100 * (again.objective.total / max(plan.objective.total, TINY) - 1)
     worst, before = (
         1e3 * max((float(e.position.max(initial=0.0)) for e in p.errors), default=0.0)
         for p in (again, plan)
@@ -75,7 +79,7 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     reached = "every target is still reached" if free else "a target is missed"
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""
     return (
-        f"held at 0{option}, {name} costs {ratio - 1:+.2g} of the objective; {reached}, the worst "
+        f"held at 0{option}, {name} costs {more:+.2g} % of the objective; {reached}, the worst "
         f"position by {worst:.2g} mm instead of {before:.2g}"
     )
 
