@@ -443,6 +443,7 @@ positions in mm | [0.6, 0.1, 1.2] | [600.0, 100.0, 1200.0] | targets[1] & 600 & 
 positions in cm | [0.6, 0.1, 1.2] | [60.0, 10.0, 120.0] | targets[1] & cm & 0.01
 beyond reach | [0.6, 0.1, 1.2] | [5.0, 0.0, 0.0] | 5 m from the base & can only be missed
 percent | [-3.0, 0.0] | [-300.0, 0.0] | bounds.activation & percent & [-3, 0]
+percent and wrong sign | [-3.0, 0.0] | [0, 100] | bounds.activation & percent & negative contracts; write [-1, 0]
 wrong sign | [-3.0, 0.0] | [0.0, 3.0] | bounds.activation & negative contracts & [-3, 0]
 one muscle's sign | [bounds] | [bounds]\nmuscles = { "*-dl" = [0.0, 2.0] } | *-dl & [-2, 0]
 head in radians | [bounds] | [bounds]\nhead_z_deg = [-0.2, 0.2] | head_z_deg & radians & 11.4592
@@ -482,7 +483,12 @@ ANATOMY_SLIPS = {
     "modulus in kPa": ("1.0e6", "1000.0", "youngs_modulus & kPa & 1e+06 for Pa"),
     "modulus in MPa": ("1.0e6", "1.0", "youngs_modulus & MPa & 1e+06 for Pa"),
     "density in g/cm^3": ("density = 1000.0", "density = 1.0", "density & g/cm^3 & 1000"),
-    "length in mm": ("length = 1.0", "length = 1000.0", "length & cm; write 10 for m"),
+    "length in mm": ("length = 1.0", "length = 1000.0", "length & mm or cm; write 1 or 10 for m"),
+    "taper to a point": (
+        "[material]",
+        "taper_deg = 2.862\n[material]",  # atan(0.05) is 2.8624
+        "taper_deg & nearly a point & make it smaller",
+    ),
     "taper in radians": (
         "[material]",
         "taper_deg = 0.04\n[material]",

@@ -130,8 +130,10 @@ def test_rest_never_gives(tmp_path):
     bounds = elastic_bounds(first_steps("lift-log", 3)).bounds
     rest = [b for b in bounds if b.name.startswith("largest activation")]
     assert rest
-    assert all(b.firm and b.value == 0 for b in rest)
-    assert not any(b.firm for b in bounds if b not in rest)
+    assert all(b.most == 0 and b.value == 0 for b in rest)
+    changes = [b for b in bounds if "change" in b.name]
+    assert changes
+    assert all(b.most == np.inf for b in changes)
 
 
 def test_a_trunk_without_muscles_has_bounds_too(tmp_path):

@@ -15,12 +15,14 @@ import numpy as np
 
 from .activation import strains
 from .deferred_signals import deferred_interrupts
+from .free_choices import held_heads, one_sided
 from .motion import allowed
 from .postoptimal import Response, responses
-from .relaxation import Excess, contradictions, reach, said
+from .relaxation import PHYSICAL, Excess, contradictions, nearest, reach, said
 from .reporting import Reporter
 from .solution import Plan, Status
 from .solver import Solve
+from .suspicions import POINTED
 from .threads import one_thread
 from .verification import LARGEST_DIFFERENCE, SLACK
 from .violations import Violation
@@ -104,7 +106,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     Diagnosis
         Its findings in order: failures, warnings, notes.
     """
-    findings = [*_failures(plan, deep, reporter), *_warnings(plan)]
+    findings = [*_failures(plan, deep, reporter), *_warnings(plan), *_choices(plan, deep, reporter)]
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
     asked = deep and plan.verified and not plan.cut_short
@@ -139,7 +141,12 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
         yield _missed(plan)
         if deep:
             several = sum(len(step.targets) for step in plan.motion.steps) > 1
-            yield _within_reach(reach(plan, reporter), several)
+            found = reach(plan, reporter)
+            yield (
+                _within_reach(found, several)
+                if found is not None
+                else _out_of_reach(plan, reporter)
+            )
 
 
 def _not_converged(plan: Plan, advise: bool) -> Finding:
@@ -187,10 +194,31 @@ def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
 
 def _unverified(plan: Plan) -> Finding:
     advice = "Report this plan: planned and integrated shapes should agree."
+    if not np.all(np.isfinite(plan.verification.position_difference)):
+        return Finding(
+            "failure", "the independent check failed", (_not_integrated(plan),), _cause(plan)
+        )
     if plan.verification.too_coarse:
         advice = "The trunk bends too sharply for the mesh: ease the loads, or give "
         advice += "Options(elements=...) more than 12."
     return Finding("failure", "the independent check failed", (*plan.verification.faults,), advice)
+
+
+def _not_integrated(plan: Plan) -> str:
+    bad = np.flatnonzero(~np.isfinite(plan.verification.position_difference))
+    return f"{said((bad + 1).tolist())}: the planned shape cannot be integrated to the tip"
+
+
+def _cause(plan: Plan) -> str:
+    """The probable cause of shapes that are no numbers, and what to do about it."""
+    trunk = plan.motion.trunk
+    tip = float(trunk.radius(trunk.length))
+    if tip < POINTED * trunk.base_radius:
+        return (
+            f"The trunk ends nearly in a point, of radius {tip:.2g} m, that bends without limit: "
+            "make taper_deg smaller in its anatomy."
+        )
+    return "Loads or stiffness are out of all proportion: check forces in N, moduli in Pa."
 
 
 def _unstable(plan: Plan) -> Finding:
@@ -217,14 +245,26 @@ def _missed(plan: Plan) -> Finding:
     return Finding("failure", f"{count} missed", tuple(missed), advice)
 
 
-def _within_reach(excesses: tuple[Excess, ...] | None, several: bool) -> Finding:
-    if excesses is None:
-        return Finding(
-            "failure",
-            "no motion near this plan reaches all targets, even if every bound may give",
-            (),
-            "Move the targets, or widen [tolerance].",
-        )
+def _out_of_reach(plan: Plan, reporter: Reporter | None) -> Finding:
+    """No bounds within physics would do: how near the trunk could come."""
+    left = nearest(plan, reporter)
+    told = (
+        ()
+        if left is None
+        else (f"with all of that the worst position would still be missed by {1e3 * left:.4g} mm",)
+    )
+    if left is not None and left <= plan.motion.tolerance[0]:
+        told = ()  # a matter of directions, or of another way there
+    return Finding(
+        "failure",
+        f"no bounds that a body could have would do ({PHYSICAL}): no motion near this plan reaches "
+        "all targets within them",
+        told,
+        "Move the targets, or widen [tolerance].",
+    )
+
+
+def _within_reach(excesses: tuple[Excess, ...], several: bool) -> Finding:
     if not excesses:
         return Finding(
             "failure",
@@ -248,6 +288,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     pressed = at_bounds(plan)
     levels: tuple[tuple[str, Literal["warning", "note"], str], ...] = (
         ("contraction", "warning", "muscles contracted as far as they may"),
+        ("lengthening", "warning", "muscles lengthened as far as they may"),
         ("extension", "warning", "segments at the limit of their extension"),
         ("head", "note", "head angles at their bounds"),
         ("change", "note", "changes between steps at their bounds"),
@@ -277,6 +318,20 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         yield Finding("note", "the plan leaves the horizon's bounds on change", told)
 
 
+def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
+    """What a plan does though its task does not ask for it."""
+    sided = one_sided(plan) if plan.converged else ""
+    if sided:
+        yield Finding("note", "the task is the same to both sides, the plan is not", (sided,))
+    if not (deep and plan.mode == "horizon" and plan.status is Status.SOLVED):
+        return
+    held = at_bounds(plan)["head"]
+    angles = {i for i, name in enumerate(("psi_Z", "psi_Y")) if name in held or (sided and i == 0)}
+    costs = tuple(held_heads(plan, angles, reporter))
+    if costs:
+        yield Finding("note", "what the head's turning is worth", costs)
+
+
 def _change_excess(plan: Plan) -> float:
     x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
     return max(
@@ -288,12 +343,12 @@ def _change_excess(plan: Plan) -> float:
 def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     """Steps (from 1) at which each unknown is at a bound: {kind: {name: steps}}.
 
-    Kinds are contraction, extension, head and change. Bounds that leave no choice, and the bound
-    of a muscle at rest, which cannot push, are not told.
+    Kinds are contraction, lengthening, extension, head and change. Bounds that leave no choice, and
+    the bound of a muscle at rest, which cannot push, are not told.
     """
     trunk = plan.motion.trunk
     found: dict[str, dict[str, list[int]]] = {
-        kind: {} for kind in ("contraction", "extension", "head", "change")
+        kind: {} for kind in ("contraction", "lengthening", "extension", "head", "change")
     }
     names = (*trunk.muscles, "psi_Z", "psi_Y")
     extension = strains(trunk, plan.activations)[..., 0]
@@ -301,10 +356,10 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
         change, box = x - before, allowed(plan.motion, step, plan.near.get(t))
         for i, name in enumerate(names):
-            muscle = i < len(trunk.muscles)
-            sides = _side(x[i], box.lower[i], box.upper[i])
-            if sides == -1 or (sides and not muscle):
-                found["contraction" if muscle else "head"].setdefault(name, []).append(t + 1)
+            side = _side(x[i], box.lower[i], box.upper[i])
+            kind = "head" if i >= len(trunk.muscles) else _work(side, box.lower[i], box.upper[i])
+            if side and kind:
+                found[kind].setdefault(name, []).append(t + 1)
             if t not in plan.near and _side(change[i], step.change.lower[i], step.change.upper[i]):
                 found["change"].setdefault(name, []).append(t + 1)
         for s, zeta in enumerate(extension[t].tolist()):
@@ -312,6 +367,13 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
                 found["extension"].setdefault(f"segment {s + 1}", []).append(t + 1)
         before = x
     return found
+
+
+def _work(side: int, lower: float, upper: float) -> str:
+    """What a muscle does at a bound: "contraction", "lengthening" or, at rest, nothing."""
+    if side < 0:
+        return "contraction" if lower < 0 else ""
+    return "lengthening" if upper > 0 else ""
 
 
 def _side(value: float, lower: float, upper: float) -> int:

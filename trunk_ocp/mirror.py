@@ -17,6 +17,7 @@ from .motion import Box, Motion, Step, as_built, build_motion
 from .targets import Direction, Held, Target
 from .variants import mirrored_spec
 
+ROUND_OFF = 1e-9
 REFLECT = np.array([1.0, -1.0, 1.0])
 
 
@@ -65,6 +66,30 @@ def mirrored_motion(motion: Motion) -> Motion:
         steps=tuple(_step(motion.trunk, step) for step in motion.steps),
         box=_box(motion.trunk, motion.box),
     )
+
+
+def is_symmetric(motion: Motion) -> bool:
+    """Whether a motion is its own mirror image: trunk, targets, loads and bounds, to round-off."""
+    try:
+        image = mirrored_motion(motion)
+    except InputError:  # of a trunk that has no other side
+        return False
+    pairs = zip(motion.steps, image.steps, strict=True)
+    return all(np.allclose(_numbers(a), _numbers(b), rtol=0, atol=ROUND_OFF) for a, b in pairs)
+
+
+def _numbers(step: Step) -> np.ndarray:
+    """All that a mirror may change in a step, one after the other."""
+    loads = step.loads
+    parts: list[Vector | np.ndarray] = [loads.tip_force, loads.contact_force, loads.contact_couple]
+    parts += [step.box.lower, step.box.upper, step.change.lower, step.change.upper]
+    if step.pull is not None:
+        parts.append(np.array([step.pull[0]]))
+    for target in step.targets:
+        if target.position is not None and target.position_weight > 0:
+            parts.append(target.position)
+        parts += [wanted for _, wanted, _ in target.pairs() if not isinstance(wanted, Held)]
+    return np.concatenate(parts)
 
 
 def _step(trunk: Trunk, step: Step) -> Step:

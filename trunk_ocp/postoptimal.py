@@ -194,6 +194,12 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
             side = int(at_x[u.x[i]])
             bound, *stated = (float((box.lower if side < 0 else box.upper)[i]) for box in boxes)
             near = "" if bound in stated else ", held near its unloaded value"
+            if (
+                i >= count
+                and motion.trunk.head.pivot_radius == 0
+                and motion.box.lower[i] == motion.box.upper[i]
+            ):
+                continue  # a base that is clamped has no head to move it
             if i >= count:
                 name, scale = f"head psi_{'ZY'[i - count]}{near}", degree
             elif side > 0 and bound == 0:

@@ -7,6 +7,7 @@ editors is made from these classes.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PositiveInt, model_validator
@@ -23,8 +24,12 @@ MOST_POINTS = 100
 """Of a wrap, and targets of a phase: a trunk has no more places than that to steer."""
 MOST_CONTROLS = 50
 """Control points of a curve; the powers of more are beyond the digits of a number."""
+MOST_WAY_POINTS = 1000
+"""Of a curve through way points."""
 MOST_ENTRIES = 1000
 """Of any other list."""
+ROUND_OFF = 1e-9
+"""Share of a phase by which its last way point may be late."""
 
 
 class HeldSpec(Strict):
@@ -34,6 +39,36 @@ class HeldSpec(Strict):
 
 
 Direction = Vec3 | HeldSpec
+
+WayPoint = Annotated[tuple[Number, ...], Field(min_length=3, max_length=4)]
+"""[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
+WayPoints = Annotated[
+    tuple[WayPoint, ...],
+    Field(
+        min_length=2,
+        max_length=MOST_WAY_POINTS,
+        description="way points on a smooth curve, followed over the phase: rows [t, x, y, z] "
+        "with t in s from the phase's start, or [x, y, z] at equal times",
+    ),
+]
+
+
+def _check_rows(rows: tuple[WayPoint, ...]) -> None:
+    """Raise ValueError unless way points all have a time or all have none, and times increase."""
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("through: expected rows all [x, y, z] or all [t, x, y, z], not both")
+    if len(rows[0]) == 3:
+        return
+    for number, (one, two) in enumerate(pairwise(rows), 2):
+        if not one[0] < two[0]:
+            raise ValueError(
+                f"through[{number}] is at t = {two[0]:g} s, the row before at {one[0]:g} s; "
+                "expected times that increase"
+            )
+    if rows[0][0] < 0:
+        raise ValueError(
+            f"through[1] is at t = {rows[0][0]:g} s; expected 0 or later, from the phase's start"
+        )
 
 
 class TargetSpec(Strict):
@@ -46,9 +81,11 @@ class TargetSpec(Strict):
         Field(
             min_length=2,
             max_length=MOST_CONTROLS,
-            description="Bezier control points; followed over the phase (eq. 53)",
+            description="Bezier control points; followed over the phase (eq. 53). The curve "
+            "meets the first and the last only",
         ),
     ] = None
+    through: WayPoints | None = None
     origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
     position_weight: NonNegative = 1.0
     d1: Direction | None = None
@@ -60,10 +97,13 @@ class TargetSpec(Strict):
 
     @model_validator(mode="after")
     def _consistent(self) -> TargetSpec:
-        if self.position is not None and self.path is not None:
-            raise ValueError("a target has a position or a path, not both")
-        if all(v is None for v in (self.position, self.path, self.d1, self.d2, self.d3)):
-            raise ValueError("a target needs a position, a path or a direction d1, d2, d3")
+        places = [n for n in ("position", "path", "through") if getattr(self, n) is not None]
+        if len(places) > 1:
+            raise ValueError(f"a target has {places[0]} or {places[1]}, not both")
+        if not places and all(v is None for v in (self.d1, self.d2, self.d3)):
+            raise ValueError("a target needs a position, a path, through or a direction d1, d2, d3")
+        if self.through is not None:
+            _check_rows(self.through)
         for name in ("d1", "d2", "d3"):
             if getattr(self, name) == (0.0, 0.0, 0.0):
                 raise ValueError(f"{name} must not be the zero vector")
@@ -79,14 +119,17 @@ class WrapSpec(Strict):
     angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
     center: Vec3 | None = None
     path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MOST_CONTROLS)] = None
+    through: WayPoints | None = None
     origin: Origin = "base"
     position_weights: tuple[NonNegative, ...]
     d3_weights: tuple[NonNegative, ...]
 
     @model_validator(mode="after")
     def _consistent(self) -> WrapSpec:
-        if (self.center is None) == (self.path is None):
-            raise ValueError("a wrap has either a center or a path of the center")
+        if sum(v is not None for v in (self.center, self.path, self.through)) != 1:
+            raise ValueError("a wrap has either a center or a path of the center, or through")
+        if self.through is not None:
+            _check_rows(self.through)
         if not self.Z[0] < self.Z[1]:
             raise ValueError(f"Z must increase, it is [{self.Z[0]:g}, {self.Z[1]:g}]")
         for name in ("position_weights", "d3_weights"):
@@ -247,6 +290,13 @@ class PhaseSpec(Strict):
     def _consistent(self) -> PhaseSpec:
         if not self.targets and self.wrap is None:
             raise ValueError("a phase needs targets or a wrap")
+        for place in (*self.targets, self.wrap):
+            rows = place.through if place else None
+            if rows and len(rows[0]) == 4 and rows[-1][0] > self.duration * (1 + ROUND_OFF):
+                raise ValueError(
+                    f"through ends at t = {rows[-1][0]:g} s, the phase at {self.duration:g} s; "
+                    "expected times in s from the phase's start, within its duration"
+                )
         for change in self.change:
             first, last = change.steps or (1, self.steps)
             if not first <= last <= self.steps:

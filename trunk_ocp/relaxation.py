@@ -33,14 +33,24 @@ EXACT = 1e-6  # the same for the linear programme
 ITERATIONS = 200
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
+# No advice goes beyond what a body can do, unless the file itself does.
+STRONGEST = 3.5  # |activation|, the largest of the paper
+LONGEST = (0.5, 1.6)  # of a segment; muscular hydrostats from elephants to octopuses
+FARTHEST = math.radians(60.0)  # of a head
+PHYSICAL = (
+    f"activations to {-STRONGEST:g}, segments {LONGEST[0]:g} to {LONGEST[1]:g} times as long, a "
+    f"head turned by {math.degrees(FARTHEST):g} deg"
+)
+"""These limits in words."""
+
 
 @dataclass(frozen=True)
 class Bound:
     """A bound that may give: its name, the value it states, its unit and its price's scale.
 
     `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
-    has this value: it gives by the same amount at all of them. `firm` if it never gives: no muscle
-    can push.
+    has this value: it gives by the same amount at all of them. `most` is the largest excess that
+    makes sense, in the unknown's own unit: no muscle can push, no head turns right round.
     """
 
     name: str
@@ -49,7 +59,7 @@ class Bound:
     unit: str
     scale: float
     steps: tuple[int, ...]
-    firm: bool
+    most: float
 
 
 @dataclass(frozen=True)
@@ -109,7 +119,7 @@ def contradictions(motion: Motion) -> tuple[Excess, ...]:
     limit = np.concatenate(
         [elastic.upper[np.isfinite(elastic.upper)], -elastic.lower[np.isfinite(elastic.lower)]]
     )
-    free = [(None, None)] * count + [(0, 0 if bound.firm else None) for bound in elastic.bounds]
+    free = [(None, None)] * count + [(0, bound.most) for bound in elastic.bounds]
     result = linprog(price, A_ub=rows, b_ub=limit, bounds=free, method="highs")
     return _told(elastic, result.x[count:], EXACT)
 
@@ -118,7 +128,7 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     """The bounds that would have to give for a plan's motion to reach all targets.
 
     All targets within the motion's tolerance, at the least price found from the plan; a local
-    optimum, like every plan. None if no such motion was found.
+    optimum, like every plan. None if no such motion was found within what is `PHYSICAL`.
     """
     window = ElasticWindow(plan.motion, plan.mesh)
     optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
@@ -127,6 +137,46 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     if not outcome.converged:
         return None
     return _told(window.elastic, outcome.full[window.excess], SMALLEST)
+
+
+def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
+    """Worst distance in m to a target with every bound loosened as far as is `PHYSICAL`.
+
+    None if the solve does not converge; a local optimum, found from the plan.
+    """
+    motion = plan.motion
+    n = len(motion.trunk.muscles) + 2
+    loose = Box(np.full(n, -np.inf), np.full(n, np.inf))
+    lower, upper = (np.array(side) for side in zip(*_physical(motion), strict=True))
+    low, high = LONGEST
+    widest = (min(motion.extension[0], low), max(motion.extension[1], high))
+    steps = [replace(step, box=_loosened(step.box, lower, upper), change=loose)
+             for step in motion.steps]  # fmt: skip
+    window = Window(
+        replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
+        plan.weights,
+    )  # fmt: skip
+    optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    start = window.pack(plan.x, plan.shape)
+    outcome = optimiser.solve(window, start, "relaxation", "how near the targets are")
+    return window.worst_error(outcome.full) if outcome.converged else None
+
+
+def _loosened(box: Box, lower: np.ndarray, upper: np.ndarray) -> Box:
+    """A box of unknowns widened to physical limits; an upper bound of 0 stays: no muscle pushes."""
+    return Box(np.minimum(box.lower, lower), np.maximum(box.upper, upper))
+
+
+def _physical(motion: Motion) -> list[tuple[float, float]]:
+    """Least and largest value that makes sense of each unknown.
+
+    Activations contract. A base without a head to move it stays where the file clamps it.
+    """
+    limits = [(-STRONGEST, 0.0)] * len(motion.trunk.muscles)
+    for box in zip(motion.box.lower[-2:].tolist(), motion.box.upper[-2:].tolist(), strict=True):
+        clamped = motion.trunk.head.pivot_radius == 0 and box[0] == box[1]
+        limits.append(box if clamped else (-FARTHEST, FARTHEST))
+    return limits
 
 
 def _told(elastic: Elastic, amounts: np.ndarray, smallest: float) -> tuple[Excess, ...]:
@@ -150,17 +200,20 @@ def elastic_bounds(motion: Motion) -> Elastic:
     rows = _Rows(H * n)
     x = np.arange(H * n).reshape(H, n)
     eye = sp.identity(H * n, format="csr")
+    physical = _physical(motion)
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         scale = max(float(motion.box.upper[i] - motion.box.lower[i]), 0.1)
         ends = (lower[:, i], upper[:, i])
-        rows.add(eye[x[:, i]], name, unit, scale, *ends, muscle=not unit)
+        rows.add(eye[x[:, i]], name, unit, scale, *ends, within=physical[i])
     A = sp.csr_matrix(strain_matrix(trunk)[:, 0])
     low, high = motion.extension
     for segment in range(trunk.segments):
         zeta = sp.hstack([A[segment], sp.csr_matrix((1, 2))])
         every = sp.kron(sp.identity(H), zeta, format="csr")
         ends = (np.full(H, low - 1), np.full(H, high - 1))
-        rows.add(every, f"extension of segment {segment + 1}", "", 0.3, *ends, offset=1.0)
+        limits = (LONGEST[0] - 1, LONGEST[1] - 1)
+        name = f"extension of segment {segment + 1}"
+        rows.add(every, name, "", 0.3, *ends, offset=1.0, within=limits)
     difference = sp.csr_matrix(eye - sp.eye(H * n, k=-n))
     least = np.array([step.change.lower for step in motion.steps])
     most = np.array([step.change.upper for step in motion.steps])
@@ -187,18 +240,21 @@ class _Rows:
         lower: np.ndarray,
         upper: np.ndarray,
         offset: float = 0.0,
-        muscle: bool = False,
+        within: tuple[float, float] = (-np.inf, np.inf),
     ) -> None:
-        """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told."""
+        """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told.
+
+        No bound gives beyond `within`, those that are beyond it already not at all.
+        """
         per = float(np.degrees(1.0)) if unit == "deg" else 1.0
-        for sign, values, word in ((-1, lower, "least"), (1, upper, "largest")):
+        sides = ((-1, lower, "least", within[0]), (1, upper, "largest", within[1]))
+        for sign, values, word, limit in sides:
             for value in np.unique(values[np.isfinite(values)]).tolist():
                 same = np.flatnonzero(values == value)
                 steps = tuple((same + 1).tolist())
-                firm = muscle and sign > 0 and value == 0
-                bound = Bound(
-                    f"{word} {name}", per * value + offset, sign, unit, scale, steps, firm
-                )
+                most = max(0.0, sign * (limit - value))
+                told = per * value + offset
+                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most)
                 self.parts.append((matrix[same], sign, values[same]))
                 self.bounds.append(bound)
 
@@ -238,7 +294,7 @@ class ElasticWindow(Window):
         super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())
         self.elastic = elastic_bounds(motion)
         add = self._assembly
-        most = np.array([0.0 if bound.firm else np.inf for bound in self.elastic.bounds])
+        most = np.array([bound.most for bound in self.elastic.bounds])
         self.excess = add.variables(most.size, lower=0.0, upper=most)
         unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
         C = self.elastic.matrix

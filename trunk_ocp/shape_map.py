@@ -324,7 +324,7 @@ class ShapeMap:
         if reached < 1:
             return StaticsError(
                 f"{which}no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                "may buckle or coil there. Reduce the load or the activation.",
+                "may bend too sharply, coil or buckle. Reduce the load or the activation.",
                 reached,
             )
         return StaticsError(

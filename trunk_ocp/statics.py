@@ -395,7 +395,7 @@ class _Problem:
             elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP:
                 raise StaticsError(
                     f"no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                    "may buckle or coil there. Reduce the load or the activation.",
+                    "may bend too sharply, coil or buckle. Reduce the load or the activation.",
                     reached,
                 )
         return states[0]

@@ -16,7 +16,15 @@ import numpy as np
 from .activation import strain_matrix
 from .anatomy import AnatomySpec
 from .loads import mass_beyond
-from .problem_file import LimitsSpec, LoadsSpec, PhaseSpec
+from .problem_file import (
+    MOST_STEPS,
+    LimitsSpec,
+    LoadsSpec,
+    PhaseSpec,
+    TargetSpec,
+    WrapSpec,
+)
+from .targets import bezier, way_points
 
 if TYPE_CHECKING:
     from .motion import Motion, Step
@@ -25,11 +33,14 @@ MOST_WARNINGS = 20
 LONGEST_TRUNK = 30.0  # m
 LIGHTEST_TISSUE = 25.0  # kg/m^3; water is 1 in g/cm^3, foams begin here
 LARGEST_SAG = 0.5  # density g L / E: strain of the base under the trunk's own weight
+POINTED = 0.01  # of the base's radius, below which a tip counts as a point
 STRONGEST = 10.0  # activation; the paper's is 3.5
+MOST_CONTROLS = 4  # points of a path; a cubic curve has four, a list of way points has more
 LARGEST_LOAD = 100.0  # times E I / L^2, which bends the trunk to about its own length
 LONGEST_PHASE = 300.0  # s
 SMALLEST_CHANGE = 0.3  # degrees
 SLACK = 1e-6
+OFF_STEP = 1e-4  # share of a step by which a way point may be beside it
 
 Finding = tuple[str, object, str]
 """Key, value, and what it looks like with what to write."""
@@ -79,6 +90,10 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
             f"weight alone would strain the trunk by {sag:.2g}; it looks like {unit}, "
             f"write {E * (1e6 if unit == 'MPa' else 1e3):g} for Pa",
         )
+    tip = spec.base_radius_over_length - math.tan(math.radians(spec.taper_deg))
+    if tip < POINTED * spec.base_radius_over_length:
+        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point"
+        yield "taper_deg", spec.taper_deg, f"{text}, that bends without limit; make it smaller"
     if 0 < spec.taper_deg < 0.15:
         yield "taper_deg", spec.taper_deg, _radians((spec.taper_deg,))
     for name in ("xi_z_deg", "xi_y_deg", "xi_d_deg"):
@@ -93,8 +108,10 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
 
 
 def _smaller(value: float, most: float) -> str:
-    unit, factor = ("cm", 1e-2) if value * 1e-2 <= most else ("mm", 1e-3)
-    return f"{unit}; write {value * factor:g} for m"
+    """Which units a length that is too large may be in, and what to write for m."""
+    if value * 1e-2 > most:
+        return f"mm; write {value * 1e-3:g} for m"
+    return f"mm or cm; write {value * 1e-3:g} or {value * 1e-2:g} for m"
 
 
 def _grams(density: float) -> str:
@@ -138,12 +155,15 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
     if spec.activation is not None:
         pairs = {f"{where}.activation": spec.activation, **pairs}
     for key, (low, high) in pairs.items():
-        if max(-low, high) > STRONGEST:
-            text = "looks like percent; an activation is a share of a fibre's length"
-            yield key, (low, high), f"{text}, [{low / 100:g}, {high / 100:g}]"
-        elif low >= 0 < high:
-            text = f"only lengthens; negative contracts, [{-high:g}, {-low + 0.0:g}]"
+        percent, only_lengthens = max(-low, high) > STRONGEST, low >= 0 < high
+        unit = 100 if percent else 1
+        least, most = (-high, -low) if only_lengthens else (low, high)
+        text = f"negative contracts; write [{least / unit:g}, {most / unit + 0.0:g}]"
+        if percent:
+            text = f"looks like percent; an activation is a share of a fiber's length, and {text}"
             yield key, (low, high), text
+        elif only_lengthens:
+            yield key, (low, high), f"only lengthens; {text}"
     for name in ("head_z_deg", "head_y_deg"):
         angles = getattr(spec, name)
         if angles is not None and 0 < max(map(abs, angles)) <= math.pi / 2:
@@ -180,6 +200,42 @@ def _phase(phase: PhaseSpec, where: str, motion: Motion) -> Iterator[Finding]:
             hint = _smaller(wrap.log_radius, motion.trunk.length / 4)
             yield f"{where}.wrap.log_radius", wrap.log_radius, f"looks like {hint}"
     yield from _loads(phase.loads, f"{where}.loads", motion)
+    for number, target in enumerate(phase.targets, 1):
+        yield from _curve(target, phase, f"{where}.targets[{number}]")
+    if wrap is not None:
+        yield from _curve(wrap, phase, f"{where}.wrap")
+
+
+def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterator[Finding]:
+    """A path whose points look like way points; way points at which nothing is asked."""
+    if place.path is not None and len(place.path) > MOST_CONTROLS:
+        points = np.array(place.path)
+        curve = np.array([bezier(place.path, t) for t in np.linspace(0, 1, 201)])
+        away = np.linalg.norm(points[:, None] - curve, axis=-1).min(axis=1).max()
+        if away > 0:
+            yield (
+                f"{where}.path",
+                f"{len(points)} points",
+                "these are Bezier control points, of which the curve meets the first and the last "
+                f"only and misses others by up to {away:.2g} m; for way points write through = "
+                "[...] in place of path",
+            )
+    if place.through is not None:
+        times, _ = way_points(place.through, phase)
+        yield from _between_steps(times, phase, f"{where}.through")
+
+
+def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:
+    """Way points at times (n,) in s from the phase's start that are at none of its steps."""
+    number = times / phase.duration
+    off = np.abs(number * phase.steps - np.round(number * phase.steps)) > OFF_STEP
+    if not off.any():
+        return
+    counts = np.arange(1, MOST_STEPS + 1)[:, None]
+    fits = np.all(np.abs(number * counts - np.round(number * counts)) <= OFF_STEP, axis=1)
+    hint = f"steps = {np.argmax(fits) + 1} would put one at each" if fits.any() else "add steps"
+    text = f"{off.sum()} of them lie between time steps, at which alone targets are asked for"
+    yield key, f"{len(times)} way points", f"{text}; {hint}"
 
 
 def _loads(spec: LoadsSpec, where: str, motion: Motion) -> Iterator[Finding]:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from .anatomy import Trunk
 from .errors import InputError
 from .loads import Vector, vector
-from .problem_file import HeldSpec, PhaseSpec, TargetSpec, Vec3, WrapSpec
+from .problem_file import HeldSpec, PhaseSpec, TargetSpec, Vec3, WayPoint, WrapSpec
 
 
 @dataclass(frozen=True)
@@ -48,26 +49,56 @@ def phase_targets(
     phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
 ) -> tuple[Target, ...]:
     """Targets of step i of a phase, with numbers in place of paths and arcs."""
-    targets = [
-        _point(spec, i / phase.steps, trunk, origins, step, f"{where}.targets[{n}]")
-        for n, spec in enumerate(phase.targets, 1)
-    ]
+    targets = []
+    for n, spec in enumerate(phase.targets, 1):
+        place = _place(spec, spec.position, phase, i, origins)
+        targets.append(_point(spec, place, trunk, step, f"{where}.targets[{n}]"))
     if phase.wrap is not None:
         for Z in phase.wrap.Z:
             _check_on_trunk(Z, trunk, f"{where}.wrap.Z")
-        targets += _arc(phase.wrap, i / phase.steps, trunk, origins, f"{where}.wrap")
+        place = _place(phase.wrap, phase.wrap.center, phase, i, origins)
+        targets += _arc(phase.wrap, np.asarray(place), trunk, f"{where}.wrap")
     return tuple(targets)
 
 
+def _place(
+    spec: TargetSpec | WrapSpec,
+    fixed: Vec3 | None,
+    phase: PhaseSpec,
+    i: int,
+    origins: dict[str, np.ndarray],
+) -> Vector | None:
+    """Where a target or a wrap's center is at step i of its phase, in m; None if nowhere."""
+    if spec.path is not None:
+        place = bezier(spec.path, i / phase.steps)
+    elif spec.through is not None:
+        times, points = way_points(spec.through, phase)
+        time = np.clip(phase.duration * i / phase.steps, times[0], times[-1])
+        place = CubicSpline(times, points)(time)
+    elif fixed is not None:
+        place = np.asarray(fixed)
+    else:
+        return None
+    return vector(origins[spec.origin] + place)
+
+
+def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s from the phase's start and places (n, 3) in m of way points.
+
+    Rows without a time are at equal ones: one at each step if there are as many, else from the
+    phase's start to its end.
+    """
+    table = np.asarray(rows, dtype=float)
+    if table.shape[1] == 4:
+        return np.minimum(table[:, 0], phase.duration), table[:, 1:]
+    first = phase.duration / phase.steps if len(table) == phase.steps else 0.0
+    return np.linspace(first, phase.duration, len(table)), table
+
+
 def _point(
-    spec: TargetSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+    spec: TargetSpec, position: Vector | None, trunk: Trunk, step: int, where: str
 ) -> Target:
     _check_on_trunk(spec.Z, trunk, f"{where}.Z")
-    position = None
-    if spec.path is not None:
-        position = vector(origins[spec.origin] + _bezier(spec.path, t))
-    elif spec.position is not None:
-        position = vector(origins[spec.origin] + np.asarray(spec.position))
     directions: list[Direction | None] = []
     for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(wanted, HeldSpec):
@@ -85,20 +116,14 @@ def _point(
     )
 
 
-def _arc(
-    spec: WrapSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], where: str
-) -> list[Target]:
+def _arc(spec: WrapSpec, center: np.ndarray, trunk: Trunk, where: str) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
-    center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
     Z = np.linspace(*spec.Z, spec.points)
     theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
     theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
     distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
-    points = (
-        origins[spec.origin]
-        + center
-        + distance[:, None]
-        * np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1)
+    points = center + distance[:, None] * np.stack(
+        [np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1
     )
     chords = np.diff(points, axis=0)
     if not np.all(np.linalg.norm(chords, axis=1) > 0):
@@ -118,7 +143,7 @@ def _arc(
     ]
 
 
-def _bezier(points: Sequence[Vec3], t: float) -> np.ndarray:
+def bezier(points: Sequence[Vec3], t: float) -> np.ndarray:
     """Point of a Bezier curve (eq. 53, whose first coefficient must read (1 - t)^2)."""
     layer = np.asarray(points, dtype=float)
     while len(layer) > 1:  # de Casteljau
@@ -132,11 +157,11 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
     if not 0 <= Z <= trunk.length:
-        units = (("cm", 1e-2), ("mm", 1e-3))
-        fits = (f" Is it in {u}? Write {f * Z:g}." for u, f in units if 0 < f * Z <= trunk.length)
+        units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
+        names, values = " or ".join(u for u, _ in units), " or ".join(f"{v:g}" for _, v in units)
+        hint = f" Is it in {names}? Write {values}." if units and Z > 5 * trunk.length else ""
         raise InputError(
-            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
-            f"{next(fits, '') if Z > 5 * trunk.length else ''}"
+            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m.{hint}"
         )
 
 

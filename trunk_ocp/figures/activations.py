@@ -17,6 +17,8 @@ from ..solution import Plan
 from . import style
 from .instants import curve_times, curves, end_of
 
+MOST_DOTS = 60  # time steps that are told apart in a panel
+LEAST_RANGE = 2.0  # deg, of a panel of a head that hardly turns
 HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nupwards, $\\psi_Y$ (°)")
 
 
@@ -100,7 +102,7 @@ def _steps(axes: Axes, plan: Plan, index: int, colour: str, start: float) -> Non
     times = plan.motion.times[: len(plan.x)]
     value = plan.x[:, index]
     below, above = (at[:, index] for at in touching(plan))
-    free = ~(below | above)
+    free = ~(below | above) & (len(times) <= MOST_DOTS)
     axes.plot([0, *times[free]], [start, *value[free]], ".", color=colour, markersize=2.5,
               zorder=3.5)  # fmt: skip
     for touch, size, face, gid in (
@@ -142,6 +144,9 @@ def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
     draw_bounds(axes, plan, column, float(np.degrees(1.0)))
     axes.set_xlabel("time (s)")
     axes.margins(y=0.1)
+    low, high = axes.get_ylim()
+    wider = max(0.0, LEAST_RANGE - (high - low)) / 2
+    axes.set_ylim(low - wider, high + wider)
     axes.set_ylabel(HEAD_NAMES[index])
 
 

@@ -15,6 +15,7 @@ from ..solution import Plan
 from . import style
 from .instants import end_of
 
+MOST_NAMED = 8  # points of the trunk in a legend
 ALONG = "cividis"  # targets, from base to tip; no muscle has these colours' meaning
 
 
@@ -64,13 +65,20 @@ def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -
     style.shade_phases(axes, plan.motion, end_of(plan))
     axes.set_yscale("log")
     axes.set_xlabel("time (s)")
-    axes.axhline(tolerance, color=style.INK, linewidth=0.8, linestyle="--", label="tolerance")
     series = error_series(plan, kind)
+    if not series:  # before the line, of which alone no range can be made
+        axes.set_ylim(tolerance / 10, 10 * tolerance)
+    axes.axhline(tolerance, color=style.INK, linewidth=0.8, linestyle="--", label="tolerance")
+    if not series:
+        axes.text(0.5, 0.3, f"no {kind} is asked for", color=style.FAINT, transform=axes.transAxes,
+                  ha="center")  # fmt: skip
+    named = np.linspace(0, len(series) - 1, MOST_NAMED).round().astype(int)
     worst: dict[float, float] = {}
     shades = matplotlib.colormaps[ALONG](np.linspace(0.0, 0.88, max(len(series), 2)))
-    for (Z, (times, errors)), colour in zip(series.items(), shades, strict=False):
+    for n, ((Z, (times, errors)), colour) in enumerate(zip(series.items(), shades, strict=False)):
+        label = f"Z = {Z:.3g} m" if n in named else None
         axes.plot(times, factor * errors, "o-", color=to_hex(colour), markersize=2.8,
-                  linewidth=0.6, label=f"Z = {Z:.2f} m", clip_on=False, zorder=3)  # fmt: skip
+                  linewidth=0.6, label=label, clip_on=False, zorder=3)  # fmt: skip
         for time, error in zip(times.tolist(), errors.tolist(), strict=True):
             worst[time] = max(error, worst.get(time, 0.0))
     if len(series) > 1:

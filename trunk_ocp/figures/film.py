@@ -25,7 +25,7 @@ from ..interpolation import with_marks
 from ..solution import Plan
 from . import style
 from .instants import SAME, Instant, end_of, instants
-from .muscles import ACTIVATION, DARKEST, SECTIONS, VIEWS, strongest
+from .muscles import ACTIVATION, DARKEST, MARGIN, SECTIONS, VIEWS, strongest
 from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
 from .shapes import WOOD, cargo
 from .things import Log, head_sphere, log_at
@@ -105,7 +105,7 @@ class Stage:
             log = log_at(self.plan.motion, step)
             if log is not None:
                 points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
-        return extent(view, np.concatenate(points), trunk.base_radius + 0.02)
+        return extent(view, np.concatenate(points), trunk.base_radius + MARGIN * trunk.length)
 
     def show(self, moment: Instant) -> None:
         """Draw a moment."""

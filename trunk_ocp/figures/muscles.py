@@ -23,6 +23,7 @@ from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey
 SECTIONS = 10
+MARGIN = 0.02 / 1.75  # of the trunk's length, around it
 DARKEST = 0.8  # shading must not be taken for activation
 # Each side as one sees it standing beside the elephant, a little in front and above.
 VIEWS = {side: towards(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
@@ -54,7 +55,7 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     names = groups(trunk)
     Z = np.linspace(0, trunk.length, 50)
     lines = [moment.shape.position(Z)[0] for moment in moments]
-    box = extent(view, np.concatenate(lines), trunk.base_radius + 0.02)
+    box = extent(view, np.concatenate(lines), trunk.base_radius + MARGIN * trunk.length)
     left, right, above, below = 13.0, 2.0, 14.0, 17.0  # mm
     width = (style.WIDTH - left - right) / len(names)
     tall = min(width * box.height / box.width, 34.0)

@@ -166,9 +166,16 @@ def frame(axes: Axes, view: View, box: Bbox) -> None:
         axes.set_axis_off()
 
 
+def _round(length: float) -> float:
+    """The largest of 1, 2, 5, 10, ... (and 0.5, 0.2, ...) that is no longer than a length in m."""
+    power = 10.0 ** np.floor(np.log10(length))
+    first = max(digit for digit in (1, 2, 5) if digit * power <= length * (1 + 1e-9))
+    return float(f"{first * power:.1g}")
+
+
 def measure(axes: Axes, box: Bbox) -> None:
     """Draw a bar of known length below a picture whose axes have no numbers."""
-    length = 0.5 if max(box.width, box.height) > 1.2 else 0.1  # m
+    length = _round(0.3 * max(box.width, box.height))
     x, y = box.x0 + 0.03 * box.width, box.y1 + 0.02 * box.height
     axes.plot(
         [x, x + length], [y, y], color="k", linewidth=1.2, solid_capstyle="butt", clip_on=False

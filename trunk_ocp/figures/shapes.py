@@ -40,33 +40,37 @@ HEAD = "#F3EFE6"
 CARGO = "#7A3B69"
 TARGET = "#CC0055"
 SECTIONS = 36
-CARGO_RADIUS = 0.08  # m; the mass at the tip is known, its size is not
+CARGO_RADIUS = 0.08 / 1.75  # of the trunk's length; the mass at the tip is known, its size is not
 HEADER = 10.0  # mm, for title and key
 ARROW = 0.1  # of the trunk's length
 TALLEST = 225.0  # mm, of all rows together: a page
-MOST_SCALE = 60.0  # mm on paper for a metre, even where little happens
+MOST_ROWS = 5  # on a page; of more phases several share a row
+MOST_TRUNKS = 6  # in a row
+LONGEST = 105.0  # mm on paper for the trunk's length, even where little happens
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one phase shows."""
+    """What one phase shows, or all phases from `number` to `last`."""
 
     number: int
     trunks: list[Instant]
     logs: list[Log]
     marks: list[Mark]
     tips: np.ndarray
+    last: int | None = None
 
 
 def draw_shapes(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw trunk shapes through each phase; positions in m (figs. 4a-c, 6a-b, 8a-d).
 
-    A row for each phase, from left to right the side, the front and a three-quarter view, all
-    to one scale. Time runs from light to dark, later shapes over earlier ones. Nothing is moved
-    aside: a trunk that passes through the head or a log is drawn doing so.
+    A row for each phase, or for some together if there are many; from left to right the side, the
+    front and a three-quarter view, all to one scale. Time runs from light to dark, later shapes
+    over earlier ones. Nothing is moved aside: a trunk that passes through the head or a log is
+    drawn doing so.
     """
     numbers = range(len(plan.motion.phases))
-    rows = [row_of(plan, number) for number in numbers if steps_of(plan, number)]
+    rows = joined([row_of(plan, number) for number in numbers if steps_of(plan, number)])
     if not rows:
         rows = [Row(0, instants(plan, np.zeros(1)), [], [], np.zeros((0, 3)))]
     with style.styled():
@@ -86,6 +90,28 @@ def row_of(plan: Plan, number: int) -> Row:
     return Row(number, trunks, logs, marks(plan, steps[-1]), np.array(tips).reshape(-1, 3))
 
 
+def joined(rows: list[Row]) -> list[Row]:
+    """At most `MOST_ROWS` rows: of more, neighbours together."""
+    if len(rows) <= MOST_ROWS:
+        return rows
+    groups = np.array_split(np.arange(len(rows)), MOST_ROWS)
+    return [_together([rows[i] for i in group.tolist()]) for group in groups]
+
+
+def _together(rows: list[Row]) -> Row:
+    """Phases in one row: the trunk at the start and at the end of each, every target and log."""
+    trunks = rows[0].trunks[:1] + [trunk for row in rows for trunk in row.trunks[-1:]]
+    kept = np.unique(np.linspace(0, len(trunks) - 1, MOST_TRUNKS).round().astype(int))
+    return Row(
+        rows[0].number,
+        [trunks[i] for i in kept.tolist() if i >= 0],
+        [log for row in rows for log in row.logs],
+        [mark for row in rows for mark in row.marks],
+        np.concatenate([row.tips for row in rows]),
+        rows[-1].number,
+    )
+
+
 def picture(plan: Plan, rows: list[Row]) -> Figure:
     """The figure that `draw_shapes` writes."""
     boxes = [_boxes(plan, rows, row) for row in rows]
@@ -93,7 +119,8 @@ def picture(plan: Plan, rows: list[Row]) -> Figure:
     usable = style.WIDTH - left - 2 * between - right
     tall = [max(box.height for box in of_row) for of_row in boxes]
     room = TALLEST - len(rows) * (above + below)
-    scale = min(usable / sum(box.width for box in boxes[0]), room / sum(tall), MOST_SCALE)
+    largest = LONGEST / plan.motion.trunk.length
+    scale = min(usable / sum(box.width for box in boxes[0]), room / sum(tall), largest)
     spare = (usable - scale * sum(box.width for box in boxes[0])) / 2
     height = scale * sum(tall) + len(rows) * (above + below) + HEADER
     figure = style.new_figure(height)
@@ -134,8 +161,7 @@ def _everything(plan: Plan, row: Row, view: View) -> np.ndarray:
         points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
     for mark in row.marks:
         points.append(np.stack([mark.target, mark.reached]))
-        if mark.direction is not None:
-            points.append((mark.target + ARROW * trunk.length * mark.direction)[None])
+        points += [(mark.target + ARROW * trunk.length * d)[None] for d in mark.directions]
     if sphere is not None:
         around = np.stack([view.across, -view.across, view.down, -view.down])
         points.append(sphere[0] + sphere[1] * around)
@@ -169,7 +195,15 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
     for number, log in enumerate(row.logs):
         if (number == 0 and index == 0) or (number == len(row.logs) - 1 and last):
             surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
-    return surfaces + cargo(plan, row.number, row.trunks[index])
+    return surfaces + cargo(plan, _phase_at(plan, row, row.trunks[index].time), row.trunks[index])
+
+
+def _phase_at(plan: Plan, row: Row, time: float) -> int:
+    """Number of the phase of a row that a time in s belongs to."""
+    if row.last is None:
+        return row.number
+    ends = [phase.end for phase in plan.motion.phases[row.number : row.last]]
+    return row.number + int(np.searchsorted(ends, time - 1e-9))
 
 
 def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
@@ -177,8 +211,9 @@ def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
     if not carried(plan.motion, number) > 0:
         return []
     end, shape = np.array([plan.motion.trunk.length]), instant.shape
-    ahead = CARGO_RADIUS * shape.directors(end)[0, 0, 2]
-    return [Surface(ball(shape.position(end)[0, 0] + ahead, CARGO_RADIUS), CARGO)]
+    radius = CARGO_RADIUS * plan.motion.trunk.length
+    ahead = radius * shape.directors(end)[0, 0, 2]
+    return [Surface(ball(shape.position(end)[0, 0] + ahead, radius), CARGO)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
@@ -211,18 +246,19 @@ def _paths(axes: Axes, view: View, row: Row) -> None:
 
 def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
     target, reached = view.flat(mark.target), view.flat(mark.reached)
-    axes.plot(*np.stack([target, reached]).T, color=TARGET, linewidth=1.2, zorder=6)
-    axes.plot(
-        *target, marker="o", markersize=3.2, markerfacecolor="white", markeredgecolor=TARGET,
-        markeredgewidth=0.8, zorder=6.5, gid="target",
-    )  # fmt: skip
-    if mark.direction is not None:
-        tip = view.flat(mark.target + arrow * mark.direction)
+    if mark.placed:
+        axes.plot(*np.stack([target, reached]).T, color=TARGET, linewidth=1.2, zorder=6)
+        axes.plot(
+            *target, marker="o", markersize=3.2, markerfacecolor="white", markeredgecolor=TARGET,
+            markeredgewidth=0.8, zorder=6.5, gid="target",
+        )  # fmt: skip
+    for direction in mark.directions:
+        tip = view.flat(mark.target + arrow * direction)
         axes.annotate(
             "", tuple(tip), tuple(target),
             arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 0.7,
                         "mutation_scale": 5, "shrinkA": 1.5, "shrinkB": 0},
-            zorder=6,
+            zorder=6, gid="direction",
         )  # fmt: skip
 
 
@@ -246,16 +282,24 @@ def _key(figure: Figure, plan: Plan) -> None:
     style.legend_above(figure, entries)
 
 
+def _ends(row: Row) -> list[int]:
+    """Numbers of a row's first phase and, if there are several, of its last."""
+    return [row.number] if row.last is None else [row.number, row.last]
+
+
 def _caption(plan: Plan, row: Row) -> str:
     after = ["just after " if instant.after else "" for instant in row.trunks]
     times = ", ".join(
         f"{w}{instant.time:.2f}" for w, instant in zip(after, row.trunks, strict=True)
     )
-    text = f"{style.plain(plan.motion.phases[row.number].name)}:  t = {times} s, from light to dark"
-    errors = [1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks]
+    names = [style.plain(style.short(plan.motion.phases[n].name, 30)) for n in _ends(row)]
+    text = f"{' to '.join(names)}:  t = {times} s, from light to dark"
+    errors = [
+        1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks if mark.placed
+    ]
     if errors:
         text += f";  position error at the end: at most {max(errors):.2g} mm"
-    mass = carried(plan.motion, row.number)
+    mass = max(carried(plan.motion, number) for number in _ends(row))
     if mass > 0:
         text += f";  {mass:g} kg at the tip"
     return text

@@ -35,6 +35,10 @@ BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2)
 
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
+MOST_PIXELS = 30_000  # along a picture's side; what draws them knows no more than 65,535
+MOST_KEYS = 6  # phases in a legend
+ROOM = 90  # letters of a legend's line
+LONGEST_TITLE = 80  # letters
 WIDTH = 180.0  # mm, two columns
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -91,7 +95,8 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
     for kind in formats:
         path = folder / f"{name}.{kind}"
         with replacing(path) as unfinished:
-            figure.savefig(unfinished, format=kind, metadata=undated.get(kind))
+            dots = min(LOOK["savefig.dpi"], MOST_PIXELS / max(figure.get_size_inches()))
+            figure.savefig(unfinished, format=kind, dpi=dots, metadata=undated.get(kind))
         paths.append(path)
     return paths
 
@@ -138,10 +143,18 @@ def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
 
 def phase_keys(motion: Motion) -> list[Patch]:
     """Legend entries of the phases' shades; of the first ones, if there are very many."""
-    return [
-        Patch(color=PHASES[number % len(PHASES)], label=plain(phase.name))
-        for number, phase in enumerate(motion.phases[:6])
+    shown = motion.phases[:MOST_KEYS]
+    more = len(motion.phases) - len(shown)
+    keys = [
+        Patch(color=PHASES[n % len(PHASES)], label=plain(short(phase.name, ROOM // len(shown))))
+        for n, phase in enumerate(shown)
     ]
+    return [*keys, Patch(alpha=0, label=f"and {more} more phases")] if more else keys
+
+
+def short(text: str, most: int) -> str:
+    """A text of at most so many letters."""
+    return text if len(text) <= most else text[: most - 3].rstrip() + "..."
 
 
 def plain(text: str) -> str:
@@ -151,7 +164,7 @@ def plain(text: str) -> str:
 
 def title(motion: Motion) -> str:
     """What a motion is called."""
-    return plain(motion.spec.title or motion.name)
+    return plain(short(motion.spec.title or motion.name, LONGEST_TITLE))
 
 
 def mark(plan: Plan) -> str:

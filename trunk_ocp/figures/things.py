@@ -24,11 +24,16 @@ class Log:
 
 @dataclass(frozen=True)
 class Mark:
-    """A target position (3,) in m, where the trunk got instead, and the wanted direction."""
+    """A target position (3,) in m, where the trunk got instead, and the wanted directions.
+
+    Of a target that asks for directions only, the position is where the trunk's point got and
+    `placed` is False.
+    """
 
     target: np.ndarray
     reached: np.ndarray
-    direction: np.ndarray | None
+    directions: tuple[np.ndarray, ...]
+    placed: bool = True
 
 
 def head_sphere(trunk: Trunk) -> tuple[np.ndarray, float] | None:
@@ -71,19 +76,22 @@ def _size(motion: Motion, wrap: WrapSpec) -> tuple[float, float]:
 
 
 def marks(plan: Plan, step: int) -> list[Mark]:
-    """Targets of a time step (from 0) that have a position and weight, and what was reached."""
+    """Targets of a time step (from 0) that have a weight, and what was reached."""
     path = plan.verification.trajectory
     found = []
     for target in plan.motion.steps[step].targets:
-        if target.position is None or target.position_weight == 0:
-            continue
-        at = int(np.searchsorted(path.Z, target.Z))
-        wanted = target.directions[2] if target.direction_weights[2] > 0 else None
-        if isinstance(wanted, Held):
-            held = int(np.searchsorted(path.Z, wanted.Z))
-            wanted = tuple(path.directors[wanted.step, held, wanted.director].tolist())
-        direction = None if wanted is None else np.asarray(wanted)
-        found.append(Mark(np.asarray(target.position), path.position[step, at], direction))
+        directions = []
+        for _, wanted, _ in target.pairs():
+            if isinstance(wanted, Held):
+                held = int(np.searchsorted(path.Z, wanted.Z))
+                directions.append(path.directors[wanted.step, held, wanted.director])
+            else:
+                directions.append(np.asarray(wanted))
+        reached = path.position[step, int(np.searchsorted(path.Z, target.Z))]
+        if target.position is not None and target.position_weight > 0:
+            found.append(Mark(np.asarray(target.position), reached, tuple(directions)))
+        elif directions:
+            found.append(Mark(reached, reached, tuple(directions), placed=False))
     return found
 
 

@@ -14,7 +14,7 @@ from ..motion import Motion
 from ..problem_file import LogSpec, PhaseSpec, WrapSpec
 from ..solution import Plan, Sample
 from ..statics import Shape
-from ..targets import Target
+from ..targets import Held, Target
 
 FRUIT_DENSITY = 1000.0  # kg/m^3; a tip mass is drawn as a ball of water
 NEAR = 1e-9  # s
@@ -117,6 +117,31 @@ def _holding(
     ends = np.array([phase.end for phase in motion.phases[:-1]])
     number = [int(np.searchsorted(ends, s.time + (NEAR if s.after else -NEAR))) for s in samples]
     return np.array([phase.loads.tip_mass > 0 for phase in phases])[number]
+
+
+def arrows(plan: Plan) -> list[dict[str, Any]]:
+    """Directions that points of the trunk should have: where, which way, from when to when in s."""
+    path = plan.verification.trajectory
+    found: list[dict[str, Any]] = []
+    for number, step in enumerate(plan.motion.steps[: len(plan.x)]):
+        for goal in step.targets:
+            at = path.position[number, int(np.searchsorted(path.Z, goal.Z))]
+            placed = goal.position is not None and goal.position_weight > 0
+            for _, wanted, _ in goal.pairs():
+                if isinstance(wanted, Held):
+                    place = int(np.searchsorted(path.Z, wanted.Z))
+                    way = path.directors[wanted.step, place, wanted.director]
+                else:
+                    way = np.asarray(wanted)
+                found.append(
+                    {
+                        "position": list(goal.position or ()) if placed else at.tolist(),
+                        "direction": way.tolist(),
+                        "from": step.time - step.duration,
+                        "to": step.time,
+                    }
+                )
+    return found
 
 
 def targets(plan: Plan) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ from ..motion import Motion
 from ..rotations import about_y, about_z, directors, product
 from ..solution import Plan, Sample, Status
 from ..statics import Shape
-from .objects import carried, targets
+from .objects import arrows, carried, targets
 
 SECTIONS = 48  # cross-sections along the trunk, about
 RATE = 25.0  # samples for each second of motion
@@ -71,6 +71,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
             for thing in carried(plan, samples, shape)
         ],
         "targets": targets(plan),
+        "arrows": arrows(plan),
     }
 
 
@@ -142,6 +143,7 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
     return {
         "taper": encoded(trunk.taper(grid.Z)),
         "radius": trunk.base_radius,
+        "length": trunk.length,
         "colors": group_colours(trunk),
         "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
         "cores": [

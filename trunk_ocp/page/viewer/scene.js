@@ -7,10 +7,13 @@ import { instantAt, mixed } from "./data.js";
 
 const GHOST = 0.13; // opacity of the other muscles while one is selected
 const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540, fruit: 0x9c3848 };
+// Sizes are shares of the trunk's length.
 const TARGET = {
-  now: { color: 0x111111, radius: 0.014 },
-  other: { color: 0x8d8d8d, radius: 0.008 },
+  now: { color: 0x111111, radius: 0.008 },
+  other: { color: 0x8d8d8d, radius: 0.0045 },
 };
+const ARROW = { color: 0xcc0055, length: 0.1, radius: 0.01 };
+const PIVOT = 0.01;
 
 /** The scene of a plan; `show(time)` moves it, `dress(look)` colours and hides. */
 export class PlanScene {
@@ -26,8 +29,9 @@ export class PlanScene {
     this.skin = this.body(skinTube(plan.trunk), skinMaterial());
     this.objects = plan.objects.map(objectMesh);
     this.targets = targetMesh(plan.targets);
-    this.head = headGroup(plan.pivot);
-    this.model.add(this.head, ...this.objects, this.targets);
+    this.arrows = arrowMesh(plan.arrows);
+    this.head = headGroup(plan.pivot, PIVOT * plan.trunk.length);
+    this.model.add(this.head, ...this.objects, this.targets, this.arrows);
   }
 
   muscleBody(muscle) {
@@ -60,7 +64,8 @@ export class PlanScene {
     }
     const instant = instantAt(this.plan, t);
     this.objects.forEach((mesh, i) => placeObject(mesh, this.plan.objects[i].centre, instant));
-    markTargets(this.targets, this.plan.targets, t);
+    markTargets(this.targets, this.plan, t);
+    turnArrows(this.arrows, this.plan, t);
     this.turnHead(instant);
     if (this.look) this.colour(instant);
   }
@@ -92,6 +97,7 @@ export class PlanScene {
     this.skin.visible = look.parts.skin;
     this.head.visible = look.parts.head;
     this.targets.visible = look.parts.targets;
+    this.arrows.visible = look.parts.targets;
     for (const mesh of this.objects) mesh.visible = look.parts.objects;
   }
 
@@ -190,13 +196,13 @@ function targetMesh(targets) {
 }
 
 /** Those that hold now are larger and darker. */
-function markTargets(mesh, targets, t) {
+function markTargets(mesh, { targets, trunk }, t) {
   const place = new THREE.Matrix4();
   const color = new THREE.Color();
   targets.forEach((target, i) => {
-    const now = t > target.from - 1e-6 && t < target.to + 1e-6;
-    const mark = TARGET[now ? "now" : "other"];
-    place.makeScale(mark.radius, mark.radius, mark.radius).setPosition(...target.position);
+    const mark = TARGET[holds(target, t) ? "now" : "other"];
+    const radius = mark.radius * trunk.length;
+    place.makeScale(radius, radius, radius).setPosition(...target.position);
     mesh.setMatrixAt(i, place);
     mesh.setColorAt(i, color.set(mark.color));
   });
@@ -205,8 +211,37 @@ function markTargets(mesh, targets, t) {
   mesh.instanceColor.needsUpdate = true;
 }
 
+function holds({ from, to }, t) {
+  return t > from - 1e-6 && t < to + 1e-6;
+}
+
+/** All wanted directions as one mesh of spikes. */
+function arrowMesh(arrows) {
+  const spike = new THREE.CylinderGeometry(0, 1, 1, 12).translate(0, 0.5, 0);
+  const material = new THREE.MeshBasicMaterial({ color: ARROW.color });
+  const mesh = new THREE.InstancedMesh(spike, material, arrows.length);
+  mesh.frustumCulled = false;
+  return mesh;
+}
+
+/** Only those that hold now are seen. */
+function turnArrows(mesh, { arrows, trunk }, t) {
+  const place = new THREE.Matrix4();
+  const size = new THREE.Vector3();
+  arrows.forEach((arrow, i) => {
+    const along = new THREE.Vector3(...arrow.direction).normalize();
+    const aside = Math.abs(along.x) < 0.9 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
+    const across = aside.cross(along).normalize();
+    const scale = holds(arrow, t) ? trunk.length : 0;
+    place.makeBasis(across.clone(), along, across.clone().cross(along));
+    size.set(ARROW.radius * scale, ARROW.length * scale, ARROW.radius * scale);
+    mesh.setMatrixAt(i, place.scale(size).setPosition(...arrow.position));
+  });
+  if (arrows.length) mesh.instanceMatrix.needsUpdate = true;
+}
+
 /** The sphere that the base moves on, with the circles that show how the head has turned. */
-function headGroup({ centre, radius }) {
+function headGroup({ centre, radius }, dot) {
   const group = new THREE.Group();
   group.position.set(...centre);
   if (radius <= 0) return group;
@@ -215,7 +250,7 @@ function headGroup({ centre, radius }) {
     color, transparent: true, opacity: 0.13, depthWrite: false,
   });
   group.add(new THREE.Mesh(new THREE.SphereGeometry(radius, 40, 24), ball));
-  group.add(new THREE.Mesh(new THREE.SphereGeometry(0.018, 16, 12), solid(color)));
+  group.add(new THREE.Mesh(new THREE.SphereGeometry(dot, 16, 12), solid(color)));
   for (const plane of ["xy", "xz", "yz"]) group.add(ring(radius, plane));
   return group;
 }

@@ -16,8 +16,10 @@ export class Stage {
     this.modest = drawsInSoftware();
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.modest });
     this.renderer.setClearColor(BACKGROUND);
-    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.05, 50);
     this.bounds = bounds(plans);
+    const size = this.bounds.half.length(); // some 1.3 m for an elephant
+    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.04 * size, 40 * size);
+    [this.nearest, this.farthest] = [0.2 * size, 16 * size];
     this.controls = new THREE.OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", onChange);
     this.onPick = onPick;
@@ -52,7 +54,7 @@ export class Stage {
 
   /** Whether the camera is elsewhere than `reset` has put it. */
   touched() {
-    return this.camera.position.distanceTo(this.fitted) > 1e-6;
+    return this.camera.position.distanceTo(this.fitted) > 1e-6 * this.nearest;
   }
 
   /** Half width, height and depth of the whole motion as the camera sees it at first. */
@@ -80,7 +82,7 @@ export class Stage {
   /** Orbit by angles (rad) and zoom, for the keyboard. */
   nudge(across, up, zoom) {
     const arm = this.camera.position.clone().sub(this.controls.target);
-    const length = Math.min(Math.max(arm.length() * zoom, 0.3), 20);
+    const length = Math.min(Math.max(arm.length() * zoom, this.nearest), this.farthest);
     const azimuth = Math.atan2(arm.x, arm.z) + across;
     const elevation = Math.min(Math.max(Math.asin(arm.y / arm.length()) + up, -1.5), 1.5);
     const towards = direction({ azimuth, elevation });
