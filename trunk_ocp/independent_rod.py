@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -38,8 +37,10 @@ class Trajectory:
     moment: np.ndarray
 
 
-class Rows:
+class Rods:
     """Right-hand side of eq. (14) for n rods, each on a stretch without jumps.
+
+    Arrays have the rods last, so that every operation runs along memory.
 
     Parameters
     ----------
@@ -54,41 +55,38 @@ class Rows:
     ) -> None:
         L, strain = trunk.length, strains(trunk, activation)
         own = strain[np.arange(len(loads)), segment_at(trunk, middle)]
-        start = np.array([[L if x.contact_from is None else x.contact_from] for x in loads])
-        self.trunk = trunk
-        self.mean = mean_extension(trunk, strain)[:, None]
-        self.zeta_hat, self.c = own[:, :1], own[:, 1:]
-        self.gravity = np.array([[0.0, 0.0, load.gravity] for load in loads])
-        self.tip = np.array([load.tip_force for load in loads])
-        self.log = np.array([load.contact_force for load in loads])
-        self.touching, self.touched = start <= middle[:, None], start < L
+        start = np.array([L if x.contact_from is None else x.contact_from for x in loads])
+        self.trunk, self.mean = trunk, mean_extension(trunk, strain)
+        self.zeta_hat, self.c = own[:, 0], own[:, 1:].T[:, None]
+        self.gravity = np.array([load.gravity for load in loads])
+        self.tip = np.array([load.tip_force for load in loads]).T
+        self.log = np.array([load.contact_force for load in loads]).T
+        self.touching, self.touched = start <= middle, start < L
         self.spread = np.where(self.touched, L - start, 1.0)
-        couple = np.array([load.contact_couple for load in loads])
-        self.couple = self.touching * couple / self.spread
-
-    def repeated(self, count: int) -> Rows:
-        """Each of the rods `count` times, one after the other."""
-        many = copy(self)
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                setattr(many, name, np.repeat(value, count, axis=0))
-        return many
+        couple = np.array([load.contact_couple for load in loads]).T
+        self.couple = (self.touching * couple / self.spread)[:, None]
 
     def rates(self, Z: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Derivatives of y (n, 15), r, d_1, d_2, d_3 and m in SI units, at Z (n, 1) or (1, 1)."""
-        d, m = y[:, 3:12].reshape(-1, 3, 3), y[:, 12:]
-        K = stiffness(self.trunk, Z[:, 0])
+        """Derivatives of y (15, copies, n), r, d_1, d_2, d_3 and m in SI units, at Z (n,)."""
+        d, m = y[3:12].reshape(3, 3, *y.shape[1:]), y[12:]
+        K = stiffness(self.trunk, Z).T
         share = np.where(self.touching, (self.trunk.length - Z) / self.spread, self.touched)
-        force = self.tip + self.gravity * mass_beyond(self.trunk, Z) + self.log * share
-        n = np.einsum("hij,hj->hi", d, force)
-        zeta = self.zeta_hat * (1 + n[:, 2:] * self.mean / K[:, :1])
-        u = self.c / self.trunk.taper(Z) + m * self.mean**2 / K[:, 1:]
-        dm = self.zeta_hat * _cross(m, u) - np.einsum("hij,hj->hi", d, self.couple)
-        dm[:, 0] += zeta[:, 0] * n[:, 1]
-        dm[:, 1] -= zeta[:, 0] * n[:, 0]
-        darboux = np.einsum("hi,hij->hj", self.zeta_hat * u, d)
-        dd = _cross(darboux[:, None], d)
-        return np.concatenate([zeta * d[:, 2], dd.reshape(-1, 9), dm], axis=1)
+        force = self.tip + self.log * share
+        force[2] += self.gravity * mass_beyond(self.trunk, Z)
+        n = (d * force[:, None]).sum(axis=1)
+        zeta = self.zeta_hat * (1 + n[2] * (self.mean / K[0]))
+        u = self.c / self.trunk.taper(Z) + m * (self.mean**2 / K[1:])[:, None]
+        dy = np.empty_like(y)
+        dy[:3] = zeta * d[2]
+        darboux = (self.zeta_hat * u[:, None] * d).sum(axis=0)
+        for d_i, dd_i in zip(d, dy[3:12].reshape(d.shape), strict=True):
+            _cross(darboux, d_i, dd_i)
+        _cross(self.zeta_hat * m, u, dy[12:])
+        if self.couple.any():
+            dy[12:] -= (d * self.couple).sum(axis=1)
+        dy[12] += zeta * n[1]
+        dy[13] -= zeta * n[0]
+        return dy
 
 
 def base_frames(trunk: Trunk, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -121,26 +119,27 @@ def integrate(
     if not np.all(finite):
         return _integrate_some(trunk, x, loads, moment, Z, finite)
     H, activation = len(loads), x[:, :-2]
-    unit = np.ones(15)
+    unit = np.ones((15, 1, 1))
     unit[:3], unit[12:] = trunk.length, stiffness(trunk, 0.0)[1] / trunk.length
     r0, d0 = base_frames(trunk, x[:, -2:])
-    state = np.concatenate([r0, d0.reshape(H, 9), moment], axis=1) / unit
-    values = np.full((Z.size, H, 15), np.nan)
+    state = np.concatenate([r0, d0.reshape(H, 9), moment], axis=1).T[:, None] / unit
+    values = np.full((Z.size, 15, 1, H), np.nan)
     values[Z <= 0] = state
     for start, end in pairwise(jumps_of(trunk, loads)):
         inside = (Z > start) & (Z <= end)
-        rows = Rows(trunk, activation, loads, np.full(H, (start + end) / 2))
+        rods = Rods(trunk, activation, loads, np.full(H, (start + end) / 2))
 
-        def slope(at: float, y: np.ndarray, rows: Rows = rows) -> np.ndarray:
-            return (rows.rates(np.full((1, 1), at), y.reshape(H, 15) * unit) / unit).ravel()
+        def slope(at: float, y: np.ndarray, rods: Rods = rods) -> np.ndarray:
+            return (rods.rates(np.full(H, at), y.reshape(15, 1, H) * unit) / unit).ravel()
 
         path = dop853(slope, (start, end), state.ravel(), np.union1d(Z[inside], [end]))
         if path is None:
             break  # NaN from here on: never called verified
-        path = path.reshape(-1, H, 15)
+        path = path.reshape(-1, 15, 1, H)
         values[inside] = path[: np.count_nonzero(inside)]
         state = path[-1]
-    values = (values * unit).swapaxes(0, 1)
+    values = np.moveaxis((values * unit)[:, :, 0], 2, 0)
+    values[:, Z <= 0, 12:] = moment[:, None]  # itself, not its round trip
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
     return Trajectory(Z, values[..., :3], directors, values[..., 12:])
 
@@ -173,6 +172,7 @@ def dop853(
     ends: tuple[float, float],
     start: np.ndarray,
     at: np.ndarray,
+    tolerance: float = TOLERANCE,
 ) -> np.ndarray | None:
     """Values (points, n) at sorted points; None where there is no end to it, or no number."""
     calls = itertools.count(1)
@@ -190,15 +190,15 @@ def dop853(
                 start,
                 method="DOP853",
                 t_eval=at,
-                rtol=TOLERANCE,
-                atol=TOLERANCE,
+                rtol=tolerance,
+                atol=tolerance,
             )
     except _EndlessError:
         return None
     return result.y.T if result.success and np.all(np.isfinite(result.y[:, -1])) else None
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product along the last axis; np.cross takes longer than all else of the slope."""
-    ahead, back = [1, 2, 0], [2, 0, 1]
-    return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
+def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
+    """Cross product along the first axis; np.cross takes longer than all else of the slope."""
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.subtract(a[j] * b[k], a[k] * b[j], out=out[i])

@@ -15,26 +15,26 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import LinAlgError, solve_banded
 from scipy.spatial.transform import Rotation
 
 from .activation import intrinsic_strain, mean_extension, stiffness, strains
 from .anatomy import Trunk
-from .collocation import mesh_for
-from .independent_rod import Rows, Trajectory, base_frames, dop853, jumps_of
+from .block_gaps import close_gaps
+from .independent_rod import TOLERANCE, Rods, Trajectory, base_frames, dop853, jumps_of
 from .loads import Loads, internal_force
 from .statics import Shape
 
 TURN = 2.0
 """Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
 MOST_INTERVALS = 400
-SAMPLES = 200  # elements in which the growth is looked at
+SAMPLES = 100  # points at which the growth is looked at
 TOGETHER = 32  # rods
 ITERATIONS = 8
-CLOSED = 1e-9  # last Newton step, rad and in local units of moment
+ROUGH = 1e-8  # tolerance of tangents
+CLOSED = 1e-8  # last Newton step, rad and in local units of moment
 FAR = 1e-3  # Newton step above which tangents are taken again
+FARTHEST = 1e6
 NUDGE = 1e-6  # of the differences that make tangents
-BAND = 8  # of the matrix of the gaps, to either side
 
 
 def equilibria(
@@ -93,7 +93,7 @@ class _TwoPoint:
         Base positions in m.
     """
 
-    rows: Rows
+    rods: Rods
     nodes: np.ndarray
     units: np.ndarray
     r0: np.ndarray
@@ -109,11 +109,11 @@ class _TwoPoint:
         K = nodes.size - 1
         middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
         every = [load for load in loads for _ in range(K)]
-        rows = Rows(trunk, np.repeat(x[:, :-2], K, axis=0), every, middle)
+        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), every, middle)
         d, m = shape.directors(nodes), shape.moment(nodes)
         r0, d[:, 0] = base_frames(trunk, x[:, -2:])
         m[:, -1] = 0.0
-        return cls(rows, nodes, units, r0, d, m)
+        return cls(rods, nodes, units, r0, d, m)
 
     def solve(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """Position, directors and moment at points Z; None where Newton's method fails."""
@@ -122,19 +122,18 @@ class _TwoPoint:
         taus, place = np.unique(np.append(tau, 1.0), return_inverse=True)
         tangents, size = np.zeros(0), math.inf
         for _ in range(ITERATIONS):
-            again = size > FAR
-            path = self._nudged_ends() if again else self._march(self._starts(), taus)
+            again = size > FAR  # at first, and where tangents have changed since
+            path = self._nudged() if again else self._march(self._starts()[None], taus, TOLERANCE)
             if path is None:
                 return None
-            ends = path[:, :, 0] if again else path[-1]
             if again:
-                tangents = self._tangents(path)
-            step = self._close(tangents, self._gaps(ends))
+                tangents = self._tangents(path[-1])
+            step = close_gaps(tangents, self._gaps(path[-1, 0])[..., None])[..., 0]
             size = float(np.abs(step).max()) if np.all(np.isfinite(step)) else math.inf
-            if not size < 1 / CLOSED:
-                return None
             if size < CLOSED and not again:
-                return self._at_points(path, interval, place[:-1])
+                return self._at_points(path[:, 0], interval, place[:-1])
+            if not size < FARTHEST:
+                return None
             self._move(step)
         return None
 
@@ -149,42 +148,37 @@ class _TwoPoint:
         m = self.m[:, :-1] / self.units[:-1, None]
         return np.concatenate([np.zeros((H, K, 3)), self.d[:, :-1].reshape(H, K, 9), m], axis=2)
 
-    def _march(self, y: np.ndarray, taus: np.ndarray) -> np.ndarray | None:
-        """States (taus, *y.shape) from states y (H, K, ..., 15), all intervals side by side."""
-        copies = int(np.prod(y.shape[2:-1]))
-        rows = self.rows.repeated(copies)
-        count = self.m.shape[0] * copies
-        h = np.tile(np.repeat(self.widths, copies), self.m.shape[0])[:, None]
-        Z = np.tile(np.repeat(self.nodes[:-1], copies), self.m.shape[0])[:, None]
-        unit = np.ones((self.widths.size * copies, 15))
-        unit[:, :3] = np.repeat(self.widths, copies)[:, None]
-        unit[:, 12:] = np.repeat(self.units[:-1], copies)[:, None]
-        unit = np.tile(unit, (self.m.shape[0], 1))
-        scale = h / unit
+    def _march(self, y: np.ndarray, taus: np.ndarray, tolerance: float) -> np.ndarray | None:
+        """States (taus, copies, H, K, 15) from y (copies, H, K, 15), all side by side."""
+        H = len(self.m)
+        Z, h = np.tile(self.nodes[:-1], H), np.tile(self.widths, H)
+        unit = np.ones((15, 1, h.size))
+        unit[:3], unit[12:] = h, np.tile(self.units[:-1], H)
+        scale, shape = h / unit, (15, len(y), h.size)
 
         def slope(tau: float, flat: np.ndarray) -> np.ndarray:
-            return (scale * rows.rates(Z + tau * h, flat.reshape(-1, 15) * unit)).ravel()
+            return (scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)).ravel()
 
-        path = dop853(slope, (0.0, 1.0), y.ravel(), taus)
-        return None if path is None else path.reshape(-1, *y.shape)
+        start = np.moveaxis(y.reshape(len(y), h.size, 15), 2, 0)
+        path = dop853(slope, (0.0, 1.0), start.ravel(), taus, tolerance)
+        return None if path is None else np.moveaxis(path.reshape(-1, 15, *y.shape[:-1]), 1, -1)
 
-    def _nudged_ends(self) -> np.ndarray | None:
-        """States (H, K, 7, 15) at the right ends, from the left ends and six that are moved."""
-        y = np.repeat(self._starts()[:, :, None], 7, axis=2)
+    def _nudged(self) -> np.ndarray | None:
+        """States (1, 7, H, K, 15) at the right ends, from the left ends and six that are moved."""
+        y = np.repeat(self._starts()[None], 7, axis=0)
+        d = self.d[:, :-1]
         for i in range(3):
-            d = y[:, :, 1 + i, 3:12].reshape(*y.shape[:2], 3, 3)
-            y[:, :, 1 + i, 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*y.shape[:2], 9)
-            y[:, :, 4 + i, 12 + i] += NUDGE
-        path = self._march(y, np.ones(1))
-        return None if path is None else path[-1]
+            y[1 + i, ..., 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*d.shape[:2], 9)
+            y[4 + i, ..., 12 + i] += NUDGE
+        return self._march(y, np.ones(1), ROUGH)
 
     def _tangents(self, ends: np.ndarray) -> np.ndarray:
         """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left."""
-        change = (ends[:, :, 1:] - ends[:, :, :1]) / NUDGE  # (H, K, 6, 15)
-        d = ends[:, :, :1, 3:12].reshape(*ends.shape[:2], 1, 3, 3)
+        change = (ends[1:] - ends[0]) / NUDGE  # (6, H, K, 15)
+        d = ends[0, ..., 3:12].reshape(*ends.shape[1:3], 3, 3)
         turn = np.cross(d, change[..., 3:12].reshape(*change.shape[:3], 3, 3)).sum(axis=3) / 2
-        moment = change[..., 12:] * (self.units[:-1] / self.units[1:])[:, None, None]
-        return np.concatenate([turn, moment], axis=3).swapaxes(2, 3)
+        moment = change[..., 12:] * (self.units[:-1] / self.units[1:])[:, None]
+        return np.moveaxis(np.concatenate([turn, moment], axis=3), 0, -1)
 
     def _gaps(self, ends: np.ndarray) -> np.ndarray:
         """Turn and moment (H, K, 6) from the nodes to where the intervals before them end."""
@@ -192,32 +186,6 @@ class _TwoPoint:
         turn = np.cross(self.d[:, 1:], d).sum(axis=2) / 2
         m = ends[..., 12:] * self.units[:-1, None]
         return np.concatenate([turn, (m - self.m[:, 1:]) / self.units[1:, None]], axis=2)
-
-    def _close(self, tangents: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-        """Newton step (H, K + 1, 6): turn and moment at the nodes; NaN if there is none.
-
-        Unknowns are m(0), turn and moment at the inner nodes, the turn of the tip; banded, and of
-        all rods in one matrix. Pivots keep it stable where marching would not be.
-        """
-        H, K = gaps.shape[:2]
-        matrix = np.zeros((2 * BAND + 1, H, K, 6))
-        a, b = np.indices((6, 6))
-        # Row a of interval k stands in row 6 k + a, unknown b of node k in column 6 k + b - 3.
-        for k in range(K):
-            first = 3 if k == 0 else 0  # the pose of the base is known
-            for row, column in zip(a[:, first:].ravel(), b[:, first:].ravel(), strict=True):
-                c = 6 * k + column - 3
-                matrix[BAND + 6 * k + row - c, :, c // 6, c % 6] = -tangents[:, k, row, column]
-            for row in range(3 if k == K - 1 else 6):
-                c = 6 * (k + 1) + row - 3
-                matrix[BAND + 6 * k + row - c, :, c // 6, c % 6] = 1.0
-        step = np.zeros((H, K + 1, 6))
-        try:
-            flat = solve_banded((BAND, BAND), matrix.reshape(2 * BAND + 1, -1), gaps.ravel())
-        except (LinAlgError, ValueError):
-            return np.full_like(step, np.nan)
-        step.reshape(H, -1)[:, 3:-3] = flat.reshape(H, -1)
-        return step
 
     def _move(self, step: np.ndarray) -> None:
         turn = Rotation.from_rotvec(step[..., :3].reshape(-1, 3)).as_matrix()
@@ -246,7 +214,9 @@ def _nodes(
     What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
     """
     jumps = jumps_of(trunk, loads)
-    Z = np.asarray(mesh_for(trunk, None, SAMPLES, 1, jumps).edges)
+    k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
+    local = -np.expm1(levels * np.log1p(-k * trunk.length)) / k if k else levels * trunk.length
+    Z = np.unique([*jumps, *local[1:-1]])  # evenly in local radii
     zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
     mean = mean_extension(trunk, strains(trunk, activation))[:, None]
     K = stiffness(trunk, Z)
