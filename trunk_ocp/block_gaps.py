@@ -1,0 +1,69 @@
+"""Linear two-point problems along the trunk, as Newton's method makes them.
+
+States at the K + 1 nodes of H rods change by step_(k+1) = map_k step_k + gap_k. The pose at the base
+is fixed, and so is the moment at the tip. To march from base to tip is quickest and fails
+where the maps make small things grow, as on a stiff thin tip under load; all equations in one
+banded matrix with row exchanges stay as accurate as the problem allows (de Hoog & Mattheij, SIAM J.
+Numer. Anal. 24, 1987).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import LinAlgError, solve_banded
+
+
+def close_gaps(maps: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Steps (H, K + 1, n, columns) at the nodes; NaN for a rod whose problem is singular.
+
+    The last three components are the moment, all before the pose.
+
+    Parameters
+    ----------
+    maps : (H, K, n, n)
+    gaps : (H, K, n, columns)
+        The last one takes in what the moment at the tip is off by.
+    """
+    steps = np.full((len(maps), maps.shape[1] + 1, *gaps.shape[2:]), np.nan)
+    finite = np.isfinite(maps).all(axis=(1, 2, 3)) & np.isfinite(gaps).all(axis=(1, 2, 3))
+    known = np.flatnonzero(finite)
+    if known.size:
+        steps[known] = _close(maps[known], gaps[known])
+    return steps
+
+
+def _close(maps: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """The same for numbers that are finite: one matrix for all rods."""
+    H, K, n, columns = gaps.shape
+    pose = n - 3
+    lower, upper = n - 1 + pose, n - pose
+    diagonal, column, k, a, b = _places(K, n)
+    matrix = np.zeros((lower + 1 + upper, H, n * K))
+    matrix[diagonal, :, column] = -maps[:, k, a, b].T
+    matrix[0, :, n - pose :] = 1.0
+    steps = np.zeros((H, n * (K + 1), columns))
+    flat, right = matrix.reshape(len(matrix), -1), gaps.reshape(-1, columns)
+    try:
+        with np.errstate(all="ignore"):
+            inner = solve_banded((lower, upper), flat, right, check_finite=False)
+    except LinAlgError:
+        inner = np.full_like(right, np.nan)
+    if H > 1 and not np.all(np.isfinite(inner)):  # one rod's zero pivot is no other's fault
+        return np.concatenate([_close(maps[i : i + 1], gaps[i : i + 1]) for i in range(H)])
+    steps[:, pose : n * K + pose] = inner.reshape(H, n * K, columns)
+    return steps.reshape(H, K + 1, n, columns)
+
+
+@lru_cache(maxsize=64)
+def _places(K: int, n: int) -> tuple[np.ndarray, ...]:
+    """Where entry (a, b) of map k stands in the band: diagonal and column; and k, a, b.
+
+    Row a of map k is row n k + a, component b of node k is column n k + b - pose.
+    """
+    pose = n - 3
+    k, a, b = (index.ravel() for index in np.indices((K, n, n)))
+    free = (k > 0) | (b >= pose)
+    k, a, b = k[free], a[free], b[free]
+    return (n - pose) + a - b + pose, n * k + b - pose, k, a, b

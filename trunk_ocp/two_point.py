@@ -1,0 +1,234 @@
+"""Independent equilibria: a planned shape is checked as the two-point problem that it solves.
+
+From the base, a rod with a stiff thin tip cannot be integrated: what is off in m(0) grows by
+exp(int |N|^(1/2) (E I)^(-1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod is
+cut into intervals, over which little grows, all of them are integrated side by side, and Newton's
+method closes the gaps between them with pose at the base and m(L) = 0 at the tip (multiple
+shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .activation import intrinsic_strain, mean_extension, stiffness, strains
+from .anatomy import Trunk
+from .block_gaps import close_gaps
+from .independent_rod import TOLERANCE, Rods, Trajectory, base_frames, dop853, jumps_of
+from .loads import Loads, internal_force
+from .statics import Shape
+
+TURN = 2.0
+"""Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
+MOST_INTERVALS = 400
+SAMPLES = 100  # points at which the growth is looked at
+TOGETHER = 32  # rods
+ITERATIONS = 8
+ROUGH = 1e-8  # tolerance of tangents
+CLOSED = 1e-8  # last Newton step, rad and in local units of moment
+FAR = 1e-3  # Newton step above which tangents are taken again
+FARTHEST = 1e6
+NUDGE = 1e-6  # of the differences that make tangents
+
+
+def equilibria(
+    trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape, Z: np.ndarray
+) -> Trajectory:
+    """Equilibria of H rods next to given shapes (H,) at points Z, sorted; NaN where there is none.
+
+    Parameters
+    ----------
+    x : (H, muscles + 2)
+        Activations and head angles.
+    loads : one for each rod
+    """
+    H = len(loads)
+    path = Trajectory(Z, *(np.full((H, Z.size, *n), np.nan) for n in ((3,), (3, 3), (3,))))
+    finite = np.isfinite(x).all(axis=1) & np.isfinite(shape.states).all(axis=(1, 2, 3))
+    known = np.flatnonzero(finite)
+    for first in range(0, known.size, TOGETHER):
+        _solve_some(trunk, x, loads, shape, known[first : first + TOGETHER], path)
+    return path
+
+
+def _solve_some(
+    trunk: Trunk,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    shape: Shape,
+    some: np.ndarray,
+    path: Trajectory,
+) -> None:
+    """Fill in the path of some rods; those that fail together are tried by halves."""
+    of_some = [loads[t] for t in some]
+    part = Shape(trunk, shape.mesh, shape.states[some], shape.edges[some], shape.slopes[some])
+    found = _TwoPoint.of(trunk, x[some], of_some, part).solve(path.Z)
+    if found is not None:
+        path.position[some], path.directors[some], path.moment[some] = found
+    elif some.size > 1:
+        middle = some.size // 2
+        for half in (some[:middle], some[middle:]):
+            _solve_some(trunk, x, loads, shape, half, path)
+
+
+@dataclass
+class _TwoPoint:
+    """H rods cut into K intervals; a row is an interval of a rod, rod by rod.
+
+    Attributes
+    ----------
+    nodes : (K + 1,)
+        Ends of the intervals in m.
+    units : (K + 1,)
+        Moment in N m that bends a rod there as far as it is bent, for scale.
+    d, m : (H, K + 1, 3, 3), (H, K + 1, 3)
+        Directors and moment (N m) at the nodes, improved in place; m at the tip is zero.
+    r0 : (H, 3)
+        Base positions in m.
+    """
+
+    rods: Rods
+    nodes: np.ndarray
+    units: np.ndarray
+    r0: np.ndarray
+    d: np.ndarray
+    m: np.ndarray
+
+    @classmethod
+    def of(cls, trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> _TwoPoint:
+        """Rods with the states of a shape at their nodes."""
+        nodes, units = _nodes(trunk, x[:, :-2], loads, shape)
+        K = nodes.size - 1
+        middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
+        every = [load for load in loads for _ in range(K)]
+        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), every, middle)
+        d, m = shape.directors(nodes), shape.moment(nodes)
+        r0, d[:, 0] = base_frames(trunk, x[:, -2:])
+        m[:, -1] = 0.0
+        return cls(rods, nodes, units, r0, d, m)
+
+    def solve(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Position, directors and moment at points Z; None where Newton's method fails."""
+        interval = np.searchsorted(self.nodes[1:-1], Z, side="left")
+        tau = (Z - self.nodes[interval]) / self.widths[interval]
+        taus, place = np.unique(np.append(tau, 1.0), return_inverse=True)
+        tangents, size = np.zeros(0), math.inf
+        for _ in range(ITERATIONS):
+            again = size > FAR  # at first, and where tangents have changed since
+            path = self._nudged() if again else self._march(self._starts()[None], taus, TOLERANCE)
+            if path is None:
+                return None
+            if again:
+                tangents = self._tangents(path[-1])
+            step = close_gaps(tangents, self._gaps(path[-1, 0])[..., None])[..., 0]
+            size = float(np.abs(step).max()) if np.all(np.isfinite(step)) else math.inf
+            if size < CLOSED and not again:
+                return self._at_points(path[:, 0], interval, place[:-1])
+            if not size < FARTHEST:
+                return None
+            self._move(step)
+        return None
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Lengths of the intervals (K,) in m."""
+        return np.diff(self.nodes)
+
+    def _starts(self) -> np.ndarray:
+        """States (H, K, 15) at the intervals' left ends: r from there, d, m in local units."""
+        H, K = len(self.m), self.widths.size
+        m = self.m[:, :-1] / self.units[:-1, None]
+        return np.concatenate([np.zeros((H, K, 3)), self.d[:, :-1].reshape(H, K, 9), m], axis=2)
+
+    def _march(self, y: np.ndarray, taus: np.ndarray, tolerance: float) -> np.ndarray | None:
+        """States (taus, copies, H, K, 15) from y (copies, H, K, 15), all side by side."""
+        H = len(self.m)
+        Z, h = np.tile(self.nodes[:-1], H), np.tile(self.widths, H)
+        unit = np.ones((15, 1, h.size))
+        unit[:3], unit[12:] = h, np.tile(self.units[:-1], H)
+        scale, shape = h / unit, (15, len(y), h.size)
+
+        def slope(tau: float, flat: np.ndarray) -> np.ndarray:
+            return (scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)).ravel()
+
+        start = np.moveaxis(y.reshape(len(y), h.size, 15), 2, 0)
+        path = dop853(slope, (0.0, 1.0), start.ravel(), taus, tolerance)
+        return None if path is None else np.moveaxis(path.reshape(-1, 15, *y.shape[:-1]), 1, -1)
+
+    def _nudged(self) -> np.ndarray | None:
+        """States (1, 7, H, K, 15) at the right ends, from the left ends and six that are moved."""
+        y = np.repeat(self._starts()[None], 7, axis=0)
+        d = self.d[:, :-1]
+        for i in range(3):
+            y[1 + i, ..., 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*d.shape[:2], 9)
+            y[4 + i, ..., 12 + i] += NUDGE
+        return self._march(y, np.ones(1), ROUGH)
+
+    def _tangents(self, ends: np.ndarray) -> np.ndarray:
+        """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left."""
+        change = (ends[1:] - ends[0]) / NUDGE  # (6, H, K, 15)
+        d = ends[0, ..., 3:12].reshape(*ends.shape[1:3], 3, 3)
+        turn = np.cross(d, change[..., 3:12].reshape(*change.shape[:3], 3, 3)).sum(axis=3) / 2
+        moment = change[..., 12:] * (self.units[:-1] / self.units[1:])[:, None]
+        return np.moveaxis(np.concatenate([turn, moment], axis=3), 0, -1)
+
+    def _gaps(self, ends: np.ndarray) -> np.ndarray:
+        """Turn and moment (H, K, 6) from the nodes to where the intervals before them end."""
+        d = ends[..., 3:12].reshape(*ends.shape[:2], 3, 3)
+        turn = np.cross(self.d[:, 1:], d).sum(axis=2) / 2
+        m = ends[..., 12:] * self.units[:-1, None]
+        return np.concatenate([turn, (m - self.m[:, 1:]) / self.units[1:, None]], axis=2)
+
+    def _move(self, step: np.ndarray) -> None:
+        turn = Rotation.from_rotvec(step[..., :3].reshape(-1, 3)).as_matrix()
+        self.d = self.d @ turn.reshape(self.d.shape).swapaxes(-1, -2)
+        self.m = self.m + step[..., 3:] * self.units[:, None]
+
+    def _at_points(
+        self, path: np.ndarray, interval: np.ndarray, place: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Position, directors and moment at points, of states (taus, H, K, 15)."""
+        h = self.widths[:, None]
+        edges = np.concatenate([self.r0[:, None], path[-1, ..., :3] * h], axis=1).cumsum(axis=1)
+        y = path[place, :, interval].swapaxes(0, 1)  # (H, points, 15)
+        return (
+            edges[:, interval] + y[..., :3] * h[interval],
+            y[..., 3:12].reshape(*y.shape[:2], 3, 3),
+            y[..., 12:] * self.units[interval, None],
+        )
+
+
+def _nodes(
+    trunk: Trunk, activation: np.ndarray, loads: Sequence[Loads], shape: Shape
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m.
+
+    What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
+    """
+    jumps = jumps_of(trunk, loads)
+    k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
+    local = -np.expm1(levels * np.log1p(-k * trunk.length)) / k if k else levels * trunk.length
+    Z = np.unique([*jumps, *local[1:-1]])  # evenly in local radii
+    zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
+    mean = mean_extension(trunk, strains(trunk, activation))[:, None]
+    K = stiffness(trunk, Z)
+    N = np.array([np.linalg.norm(internal_force(load, trunk, Z), axis=1) for load in loads])
+    u = u_hat + shape.moment(Z) * mean[..., None] ** 2 / K[:, 1:]
+    pull = N * (1 + N * mean / K[:, 0]) * mean**2 / K[:, 1]
+    rate = np.abs(zeta_hat) * (np.linalg.norm(u, axis=2) + np.sqrt(np.abs(pull)))
+    rate = rate.max(axis=0) + trunk.taper_rate / trunk.taper(Z) + 1 / trunk.length
+    growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
+    each = max(TURN, growth[-1] / MOST_INTERVALS)
+    nodes = [0.0]
+    for start, end in pairwise(np.searchsorted(Z, jumps).tolist()):
+        count = max(1, math.ceil((growth[end] - growth[start]) / each))
+        levels = np.linspace(growth[start], growth[end], count + 1)[1:-1]
+        nodes += [*np.interp(levels, growth[start : end + 1], Z[start : end + 1]), Z[end]]
+    units = np.interp(nodes, Z, rate) * stiffness(trunk, np.asarray(nodes))[:, 1]
+    return np.asarray(nodes), units
