@@ -247,9 +247,9 @@ def _key(figure: Figure, plan: Plan) -> None:
 
 
 def _caption(plan: Plan, row: Row) -> str:
-    after = ["just after " if instant.after else "" for instant in row.trunks]
+    after = [" (just after)" if instant.after else "" for instant in row.trunks]
     times = ", ".join(
-        f"{w}{instant.time:.2f}" for w, instant in zip(after, row.trunks, strict=True)
+        f"{instant.time:.2f}{w}" for instant, w in zip(row.trunks, after, strict=True)
     )
     text = f"{style.plain(plan.motion.phases[row.number].name)}:  t = {times} s, from light to dark"
     errors = [1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks]
