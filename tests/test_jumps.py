@@ -105,6 +105,15 @@ def test_elsewhere_both_sides_are_one():
         assert plan.sample(t, after=True).loads == plan.sample(t).loads
 
 
+def test_a_plan_without_steps_is_at_rest():
+    plan = fruit()
+    none = replace(plan, x=plan.x[:0], tip_forces=plan.tip_forces[:0], shape=plan.part(0, 0))
+    assert none.jumps == ()
+    assert none.sample(0.0).loads == none.sample(0.0, after=True).loads == plan.sample(0.0).loads
+    with pytest.raises(InputError, match=r"t = 0\.1: expected a time from 0 to 0\.0 s"):
+        none.sample(0.1)
+
+
 @pytest.mark.parametrize("count", [20, 21])
 def test_a_plan_cut_short_at_the_pull_has_no_fruit(count):
     plan = fruit()

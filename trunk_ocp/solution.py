@@ -300,8 +300,8 @@ class Plan:
         at, loads = interpolate(self.motion, values, t), loads_at(self.motion, self.loads, t, after)
         activation, head = at[:-2], at[-2:]
         # Of several equilibria, that of the planned shape next to it.
-        step = int(np.argmin(np.abs(self.motion.times[: len(self.x)] - t)))
-        near = self.shape[step]
+        times = self.motion.times[: len(self.x)]
+        near = self.shape[int(np.argmin(np.abs(times - t)))] if len(times) else None
         shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
         return Sample(t, activation, head, loads, shape, after)
 

@@ -196,6 +196,9 @@ def loads(draw: st.DrawFn, L: float, contact: float, step: int) -> Table:
         found["contact_from"] = contact
         found["contact_force"] = draw(vectors(50.0))
         found["contact_couple"] = draw(vectors(10.0))
+    names = st.sampled_from(["tip_force", "tip_mass", "pull", "contact"])
+    if jump := draw(st.dictionaries(names, st.booleans())):
+        found["jump"] = jump
     return found
 
 

@@ -288,9 +288,9 @@ def _ends(row: Row) -> list[int]:
 
 
 def _caption(plan: Plan, row: Row) -> str:
-    after = ["just after " if instant.after else "" for instant in row.trunks]
+    after = [" (just after)" if instant.after else "" for instant in row.trunks]
     times = ", ".join(
-        f"{w}{instant.time:.2f}" for w, instant in zip(after, row.trunks, strict=True)
+        f"{instant.time:.2f}{w}" for instant, w in zip(row.trunks, after, strict=True)
     )
     names = [style.plain(style.short(plan.motion.phases[n].name, 30)) for n in _ends(row)]
     text = f"{' to '.join(names)}:  t = {times} s, from light to dark"
