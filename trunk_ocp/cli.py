@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .checkpoint import FILE, Checkpoint
-from .command import clean_errors, verdict
+from .command import clean_errors, tell, verdict
 from .comparison import compare
 from .diagnosis import explain
 from .errors import InputError
@@ -30,6 +30,7 @@ from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
 from .questions import compare_ways, many_starts, redundant, survey_limits
 from .reporting import Reporter
+from .results_folder import default_folder, set_aside, sign
 from .runs import convert, explain_run, view
 from .screen import (
     Screen,
@@ -41,7 +42,7 @@ from .screen import (
 )
 from .solution import Plan, Status
 from .solver import check_linear_solver
-from .storage import save_diagnosis, save_plan, summary
+from .storage import activations_table, save_diagnosis, save_plan, summary
 
 # Where it may not keep its settings it makes a folder for them; nobody needs to know.
 logging.getLogger("matplotlib").setLevel(logging.ERROR)
@@ -125,7 +126,7 @@ def solve(
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
-        folder = out or Path("results") / motion.name
+        folder = out or default_folder(problem, motion)
         check_linear_solver(linear_solver)
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
@@ -138,7 +139,12 @@ def solve(
                 plans = [
                     replace(plan, options=plan.options | {"command": command}) for plan in plans
                 ]
+                aside = set_aside(
+                    folder, [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
+                )
                 figures = _save(plans, folder)
+                if out is None:
+                    sign(folder, problem, motion)
                 if finished:
                     for checkpoint in checkpoints.values():
                         checkpoint.remove()
@@ -154,9 +160,12 @@ def solve(
                 if film and not interrupts.came:
                     for plan in plans:
                         _film(plan, folder / plan_folder(plan), console)
+            earlier = aside.settle()
+        if earlier is not None:
+            tell(console, f"What was made from earlier plans is now in {earlier}/")
         if not finished:
             console.print("solve-motion --resume, with the same options, goes on from here.")
-        console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+        tell(console, f"Results are in {folder}/")
         for plan in plans if quiet else []:
             if plan.status is not Status.SOLVED:
                 click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
@@ -238,7 +247,7 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     with console.status("drawing figures; Ctrl-C leaves them out"):
         page = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
     if page is not None:
-        console.print(f"Turn it in a browser: {page}", markup=False, soft_wrap=True)
+        tell(console, f"Turn it in a browser: {page}")
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -259,7 +268,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
         )
     for path in paths:
-        console.print(f"Film: {path}", markup=False, soft_wrap=True)
+        tell(console, f"Film: {path}")
 
 
 @contextmanager
