@@ -32,7 +32,7 @@ from .solution import MODES, Plan, loads_of
 from .statics import check_mesh, shape_of_states
 from .transcription import Weights
 
-MOST_NODES = 1200
+MOST_NODES = 800
 """Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
 LONGEST_SPEC = 8_000_000  # characters of a problem or an anatomy in JSON
 
