@@ -236,7 +236,7 @@ def _arrays(dice: random.Random) -> Any:
 def _finer(data: Any, elements: int) -> Any:
     """The same plan on many elements; 1,200 of them are half a megabyte, and gigabytes in use."""
     edges = data["edge"].values
-    inner = np.linspace(0.0, edges[-1], elements - len(edges) + 2)[1:-1] + 1e-9
+    inner = np.linspace(0.0, edges[-1], elements - len(edges) + 3)[1:-1] + 1e-9
     states = np.repeat(data["state"].values[:, :1], elements, axis=1)
     dropped = data.drop_vars(["edge", "state"])
     return dropped.assign(
