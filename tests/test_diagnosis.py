@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from plans import POINT, TOUCH, first_steps, planned, soft_rod, written
+from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 
 from trunk_ocp import cli
 from trunk_ocp.diagnosis import at_bounds, effects, explain
@@ -113,9 +113,7 @@ def ends(tmp_path_factory):
         ),
         Status.TIME_LIMIT: plan_motion(solved.motion, start=solved, deadline=1e-6, throw=False),
         Status.NOT_CONVERGED: recorded(solved, record("Restoration_Failed")),
-        Status.INTERRUPTED: plan_motion(
-            first_steps("lift-log", 3), 1, reporter=Stop(60), throw=False
-        ),
+        Status.INTERRUPTED: plan_motion(shipped("lift-log"), 1, reporter=Stop(60), throw=False),
     }
 
 

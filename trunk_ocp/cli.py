@@ -17,7 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .anatomy import load_anatomy
 from .checkpoint import FILE, Checkpoint
-from .command import verdict
+from .command import tell, verdict
 from .commands import main as main
 from .commands import solve as solve
 from .comparison import compare
@@ -31,6 +31,7 @@ from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .problem_file import problem_schema
 from .reporting import Reporter
+from .results_folder import default_folder, set_aside, sign
 from .screen import (
     Screen,
     comparison_table,
@@ -41,7 +42,7 @@ from .screen import (
 )
 from .solution import Plan, Status
 from .solver import check_linear_solver
-from .storage import save_diagnosis, save_plan, summary
+from .storage import activations_table, save_diagnosis, save_plan, summary
 
 # Where it may not keep its settings it makes a folder for them; nobody needs to know.
 logging.getLogger("matplotlib").setLevel(logging.ERROR)
@@ -73,7 +74,7 @@ def run_solve(
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
-        folder = out or Path("results") / motion.name
+        folder = out or default_folder(problem, motion)
         check_linear_solver(linear_solver)
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
@@ -86,7 +87,12 @@ def run_solve(
                 plans = [
                     replace(plan, options=plan.options | {"command": command}) for plan in plans
                 ]
+                aside = set_aside(
+                    folder, [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
+                )
                 figures = _save(plans, folder)
+                if out is None:
+                    sign(folder, problem, motion)
                 if finished:
                     for checkpoint in checkpoints.values():
                         checkpoint.remove()
@@ -104,9 +110,12 @@ def run_solve(
                     for plan in plans:
                         with optional(f"could not make the film of the {plan.mode} plan"):
                             _film(plan, folder / plan_folder(plan), console)
+            earlier = aside.settle()
+        if earlier is not None:
+            tell(console, f"What was made from earlier plans is now in {earlier}/")
         if not finished:
             console.print("solve-motion --resume, with the same options, goes on from here.")
-        console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+        tell(console, f"Results are in {folder}/")
         for plan in plans if quiet else []:
             if plan.status is not Status.SOLVED:
                 click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
@@ -201,7 +210,7 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     for sentence in drawn.failed:
         warn(f"{sentence} The plans are saved.")
     if drawn.page is not None:
-        console.print(f"Turn it in a browser: {drawn.page}", markup=False, soft_wrap=True)
+        tell(console, f"Turn it in a browser: {drawn.page}")
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
@@ -222,7 +231,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
         )
     for path in paths:
-        console.print(f"Film: {path}", markup=False, soft_wrap=True)
+        tell(console, f"Film: {path}")
 
 
 @contextmanager

@@ -9,14 +9,22 @@ from rich.console import Console
 from .checkpoint import FILE
 from .ending import clean_errors as clean_errors
 from .errors import InputError
+from .problem_file import ProblemSpec
+from .reading import is_file, printable, read_toml
+from .results_folder import is_of
 from .solution import Plan, Status
-from .storage import load_plan
+from .storage import SOLUTION, load_plan
 
 
 def finished(run: str) -> tuple[Path, dict[Path, Plan]]:
-    """Folder of a finished run, given it or a problem's name, and its plans by their folders."""
-    named = Path(run).stem if run.endswith(".toml") else run
-    folder = Path(run) if Path(run).is_dir() else Path("results") / named
+    """Folder of a finished run, given it or a problem's name or file, and its plans by folder.
+
+    Raises
+    ------
+    InputError
+        If there is none, or one that cannot be read.
+    """
+    folder = _folder_of(run)
     found = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
     if not found and any(folder.glob(f"*/{Path(FILE).stem}*.npz")):
         raise InputError(
@@ -31,6 +39,30 @@ def finished(run: str) -> tuple[Path, dict[Path, Plan]]:
     return folder, {path.parent: load_plan(path.parent, throw=False) for path in found}
 
 
+def _folder_of(run: str) -> Path:
+    path = Path(run)
+    if path.name == SOLUTION and is_file(path):
+        return path.parent
+    if path.is_dir():
+        return path
+    if not run.endswith(".toml"):
+        return Path("results") / run
+    if not is_file(path):
+        return Path("results") / path.stem
+    folder = Path("results") / read_toml(path, ProblemSpec).name
+    if not is_of(folder, run):
+        raise InputError(
+            f"{folder}: has results of another problem with the same name as in {run}; expected "
+            "those of this file. Name the folder that you mean instead of the file."
+        )
+    return folder
+
+
+def tell(console: Console, text: str) -> None:
+    """Print a line that has words of files or names of folders in it: as it is, obeyed by none."""
+    console.print(printable(text), markup=False, soft_wrap=True)
+
+
 def verdict(console: Console, plan: Plan) -> None:
     """How a plan ended, in colour, and its notes."""
     colour = "green" if plan.status is Status.SOLVED else "yellow"
@@ -38,4 +70,4 @@ def verdict(console: Console, plan: Plan) -> None:
     part = "" if planned == steps else f" ({planned} of {steps} time steps)"
     console.print(f"[{colour}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
     for sentence in plan.notes:
-        console.print(f"  {sentence}", soft_wrap=True)
+        tell(console, f"  {sentence}")

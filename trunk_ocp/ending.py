@@ -115,7 +115,9 @@ def clean_errors() -> Iterator[None]:
     try:
         yield
     except (TrunkError, OSError) as error:
-        click.echo(f"Error: {error}", err=True)
+        from .reading import printable  # takes its time, and is there already as a rule
+
+        click.echo(f"Error: {printable(str(error), lines=True)}", err=True)
         sys.exit(BAD_INPUT)
     except MemoryError:
         click.echo("Error: there is not enough memory for this; ask for less at a time.", err=True)

@@ -13,7 +13,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from .command import finished
+from .command import finished, tell
 from .ending import Command, optional
 from .files import write
 from .foresight import foresight, front, survey
@@ -23,6 +23,7 @@ from .optima import optima
 from .option_types import Number, Numbers
 from .redundancy import Need, needed, redundancy, report
 from .reporting import Reporter
+from .results_folder import default_folder, set_figures_aside, sign
 from .screen import (
     foresight_table,
     optima_table,
@@ -70,7 +71,9 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
                 from .figures.redundancy import draw_redundancy
 
                 draw_redundancy(found, place / "figures", FORMATS)
-        console.print(f"Results are in {place}/", markup=False, soft_wrap=True)
+        else:
+            set_figures_aside(place / "figures", "redundancy")
+        tell(console, f"Results are in {place}/")
 
 
 def _needs(plan: Plan, console: Console) -> tuple[Need, ...]:
@@ -167,20 +170,24 @@ def compare_ways(
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or Path("results") / motion.name / "compare"
+    folder = out or default_folder(problem, motion) / "compare"
     with _counting(console, motion.name) as (reporter, done):
         result = foresight(
             motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
         )
     report = finite(result.as_dict())
+    if out is None:
+        sign(folder.parent, problem, motion)
     write(folder / "comparison.json", json.dumps(report, indent=2) + "\n")
     console.print(foresight_table(result))
-    if not no_figures:
+    if no_figures:
+        set_figures_aside(folder, "comparison")
+    else:
         with optional("could not draw the comparison"):
             from .figures import draw_foresight
 
             draw_foresight(result, folder)
-    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    tell(console, f"Results are in {folder}/")
     if as_json:
         click.echo(json.dumps(report, indent=2))
     sys.exit(result.curve.best.status.exit_code)
@@ -227,7 +234,7 @@ def survey_limits(
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or Path("results") / motion.name / "survey"
+    folder = out or default_folder(problem, motion) / "survey"
     with _counting(console, f"{motion.name}, limits") as (reporter, done):
         cells = survey(
             motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
@@ -235,17 +242,21 @@ def survey_limits(
     with _counting(console, f"{motion.name}, smoothness") as (reporter, done):
         curve = front(motion, processes=processes, reporter=reporter, done=done)
     cells, curve = finite(cells), finite(curve)
+    if out is None:
+        sign(folder.parent, problem, motion)
     write(folder / "survey.json", json.dumps(cells, indent=2) + "\n")
     write(folder / "front.json", json.dumps(curve, indent=2) + "\n")
     console.print(survey_table(cells))
-    if not no_figures:
+    if no_figures:
+        set_figures_aside(folder, f"foresight-{motion.name}", f"front-{motion.name}")
+    else:
         from .figures import draw_front, draw_survey
 
         with optional("could not draw the survey"):
             draw_survey(cells, folder, ("pdf", "png"))
         with optional("could not draw the front"):
             draw_front(curve, folder, ("pdf", "png"))
-    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    tell(console, f"Results are in {folder}/")
     if as_json:
         click.echo(json.dumps({"survey": cells, "front": curve}, indent=2))
 
@@ -280,12 +291,14 @@ def many_starts(
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or Path("results") / motion.name / "optima"
+    folder = out or default_folder(problem, motion) / "optima"
     with _counting(console, motion.name) as (reporter, done):
         found = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
     report = finite(found.as_dict())
+    if out is None:
+        sign(folder.parent, problem, motion)
     write(folder / "optima.json", json.dumps(report, indent=2) + "\n")
     console.print(optima_table(found))
-    console.print(f"Results are in {folder}/", markup=False, soft_wrap=True)
+    tell(console, f"Results are in {folder}/")
     if as_json:
         click.echo(json.dumps(report, indent=2))

@@ -32,7 +32,7 @@ from .solution import MODES, Plan, loads_of
 from .statics import check_mesh, shape_of_states
 from .transcription import Weights
 
-MOST_NODES = 1200
+MOST_NODES = 800
 """Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
 LONGEST_SPEC = 8_000_000  # characters of a problem or an anatomy in JSON
 
@@ -110,7 +110,8 @@ def _near(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.nda
         raise InputError("near_step: expected numbers of planned time steps")
     rows = _unknowns(contents, "near_", len(numbers), len(motion.trunk.muscles))
     near = dict(zip(numbers, rows, strict=True))
-    if contents.attributes["plan_mode"] != "sequential":
+    # A horizon that was interrupted before it began is the sequential plan that it starts from.
+    if contents.attributes["plan_mode"] != "sequential" and not contents.attributes["interrupted"]:
         raise InputError("near_step: expected auxiliary solutions of a sequential plan only")
     if contents.attributes["converged"]:
         check_near(motion, x, near)

@@ -11,12 +11,14 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from .command import clean_errors, finished, verdict
+from .command import clean_errors, finished, tell, verdict
 from .diagnosis import effects, explain
 from .errors import InputError
+from .reading import printable
+from .results_folder import hashes
 from .screen import findings, history_table
 from .solution import Plan, Status
-from .storage import finite, save_diagnosis
+from .storage import SOLUTION, finite, save_diagnosis
 
 
 @click.command("explain")
@@ -46,7 +48,7 @@ def explain_run(run: str, as_json: bool) -> None:
             if sentences := effects(diagnosis.responses):
                 console.print("If a bound gave by 1 %, all else planned anew around it:")
                 for sentence in sentences:
-                    console.print(f"    {sentence}", soft_wrap=True)
+                    tell(console, f"    {sentence}")
         if as_json:
             click.echo(json.dumps(finite(told), indent=2))
         sys.exit(max(plan.status.exit_code for plan in plans.values()))
@@ -65,12 +67,24 @@ def view(run: str, no_browser: bool) -> None:
 
     with clean_errors():
         folder, plans = finished(run)
+        plans = _together(plans)
         pair = [plan for plan in plans.values() if plan.mode != "receding"] or [*plans.values()]
         order = sorted(pair, key=lambda plan: plan.mode == "horizon")  # as in solve-motion
         page = write_page(order[:2], folder / PAGE).resolve()
-        click.echo(str(page))
+        click.echo(printable(str(page)))
         if not no_browser and not webbrowser.open(page.as_uri()):
             click.echo("No browser was found here; open this file in one.", err=True)
+
+
+def _together(plans: dict[Path, Plan]) -> dict[Path, Plan]:
+    """Plans of the problem and anatomy of the newest one; says which others are left out."""
+    newest = max(plans, key=lambda folder: (folder / SOLUTION).stat().st_mtime_ns)
+    wanted = hashes(plans[newest].motion)
+    kept = {folder: plan for folder, plan in plans.items() if hashes(plan.motion) == wanted}
+    for folder in plans.keys() - kept.keys():
+        told = f"{folder}: is of another problem or anatomy than {newest}, and not shown with it."
+        click.echo(printable(told), err=True)
+    return kept
 
 
 @click.command("convert")
@@ -107,4 +121,4 @@ def convert(run: str, kinds: tuple[str, ...], anyway: bool) -> None:
         for folder, plan in plans.items():
             for kind in kinds or writers:
                 writers[kind](plan, folder)
-            click.echo(f"{folder}/: {', '.join(kinds or writers)}")
+            click.echo(printable(f"{folder}/: {', '.join(kinds or writers)}"))

@@ -35,6 +35,7 @@ SOLUTION = "solution.nc"
 POINTS = 101
 LARGEST_FILE = 100_000_000
 """Bytes; twice a plan of as many steps as a motion may have."""
+FORMULAS = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # the wide ones of East Asia too
 LONGEST_REASON = 500  # characters of what is wrong with a file
 UNITS = {
     "time": "s",
@@ -65,7 +66,7 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
     report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
-    write(folder / "activations.csv", _activations(plan))
+    write(folder / "activations.csv", activations_table(plan))
     with replacing(folder / SOLUTION) as path:
         labelled.to_netcdf(path, engine="scipy")
     write(folder / "summary.json", report)
@@ -295,7 +296,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _activations(plan: Plan) -> str:
+def activations_table(plan: Plan) -> str:
     """A table in CSV: one row for each time step, the passive start included.
 
     A plan that is not solved says so at the end of every row, for no one to take it for one.
@@ -307,7 +308,16 @@ def _activations(plan: Plan) -> str:
     writer.writerow([*head, *(["status"] if mark else [])])
     writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
     for step, x in zip(motion.steps, plan.x, strict=False):
-        phase = motion.phases[step.phase].name
+        phase = as_text(motion.phases[step.phase].name)
         numbers = (f"{value:.9g}" for value in x)
         writer.writerow([f"{step.time:.9g}", phase, *numbers, *mark])
     return text.getvalue()
+
+
+def as_text(cell: str) -> str:
+    """A text that a spreadsheet shows, where it would take some for a formula and run it.
+
+    That is what begins with one of = + - @, a tab or a return. An apostrophe before it says that
+    text follows; it is the only way that all spreadsheets know.
+    """
+    return f"'{cell}" if cell.lstrip()[:1] in FORMULAS or cell[:1] in ("\t", "\r") else cell

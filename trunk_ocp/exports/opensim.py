@@ -12,14 +12,16 @@ from ..solution import Plan
 from .keyframes import check_steps
 
 RATE = 100.0  # rows a second, besides those at the time steps
+MOST = 100_000  # regular rows; of a motion beyond a quarter of an hour they are farther apart
 SAME = 1e-6  # s; a regular row this near to a time step would be the same row again
 
 
 def write_sto(plan: Plan, path: str | Path) -> Path:
     """Write -activation of every muscle over time; returns the path.
 
-    Rows are 10 ms apart, from rest to the end of the plan, with one more at each time step that
-    falls between; values follow each phase's interpolation.
+    Rows are 10 ms apart, or farther where there would be more than 100,000, from rest to the end
+    of the plan, with one more at each time step that falls between; values follow each phase's
+    interpolation.
 
     Raises
     ------
@@ -42,10 +44,13 @@ def write_sto(plan: Plan, path: str | Path) -> Path:
 
 
 def sto_times(steps: np.ndarray) -> np.ndarray:
-    """Times of the rows in s: every 10 ms from 0, and the time steps (H,)."""
-    regular = np.arange(int(steps[-1] * RATE) + 1) / RATE
-    apart = np.abs(regular[:, None] - steps).min(axis=1) > SAME
-    return np.sort(np.concatenate([regular[apart & (regular < steps[-1])], steps]))
+    """Times of the rows in s: every 10 ms from 0, or rarer, and the time steps (H,)."""
+    rate = min(RATE, MOST / float(steps[-1]))
+    regular = np.arange(int(steps[-1] * rate) + 1) / rate
+    after = np.searchsorted(steps, regular).clip(max=len(steps) - 1)
+    nearest = np.minimum(np.abs(regular - steps[after]), np.abs(regular - steps[after - 1]))
+    kept = regular[(nearest > SAME) & (regular < steps[-1])]
+    return np.sort(np.concatenate([kept, steps]))
 
 
 def _header(plan: Plan, rows: int, columns: int) -> list[str]:

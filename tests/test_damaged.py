@@ -1,0 +1,196 @@
+"""Saved files from anybody: what they claim is held against the file, and none of it is obeyed."""
+
+import io
+import json
+import os
+
+import numpy as np
+import pytest
+
+from trunk_ocp.checkpoint import Checkpoint
+from trunk_ocp.errors import InputError
+from trunk_ocp.netcdf import read_netcdf
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.provenance import fingerprint
+from trunk_ocp.reading import printable
+from trunk_ocp.solution import Status
+from trunk_ocp.storage import load_plan, save_plan
+from trust import damaged
+
+
+def test_damaged_files_are_refused_or_are_what_they_honestly_are():
+    """As many as fit into seconds of what `trust.damaged` tries by the thousand."""
+    report = damaged.run(120, seed=2)
+    assert report["faults"] == []
+    assert min(report["tried"].values()) > 40
+    refused = sum(n for what, n in report["outcomes"].items() if what.endswith("refused"))
+    assert refused > 60
+
+
+# --- unfinished runs ---------------------------------------------------------------------------
+
+
+def resumed(folder, change):
+    """Resume the run of `trust.damaged` from a file whose texts a function has changed."""
+    with np.load(io.BytesIO(damaged.originals().resume)) as data:
+        arrays = {name: data[name] for name in data.files}
+    progress = json.loads(arrays["progress"].tobytes())
+    changed = change(progress)
+    progress = progress if changed is None else changed
+    arrays["progress"] = np.frombuffer(json.dumps(progress).encode(), np.uint8)
+    np.savez(folder / "resume.npz", **arrays)
+    checkpoint = Checkpoint(folder / "resume.npz", resume=True)
+    return plan_motion(damaged.originals().motion, 1, checkpoint=checkpoint, throw=False)
+
+
+def test_the_unfinished_run_itself_is_resumed(tmp_path):
+    assert resumed(tmp_path, lambda progress: None).status is Status.SOLVED
+
+
+def edit(*path, value):
+    def change(progress):
+        *outer, last = path
+        for key in outer:
+            progress = progress[key]
+        progress[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        edit("stages", 0, "counters", "ipopt", value={"output_file": "outside"}),
+        edit("stages", 0, "counters", "solve", value=0),
+        edit("stages", 0, "counters", "iterations", value=-1),
+        edit("stages", 0, "counters", "iterations", value="1"),
+        edit("stages", 0, "counters", "solve_seconds", value=float("inf")),
+        edit("stages", 0, "counters", value={}),
+        edit("stages", 0, "shapes", "x", value=[10**12, 30]),
+        edit("stages", 0, "shapes", "x", value=[-1, -30]),
+        edit("stages", 0, "shapes", "more", value=[1]),
+        edit("stages", 0, "mesh", "degree", value=True),
+        edit("stages", 0, "mesh", "edges", value=[0.0, 1.75]),
+        edit("stages", 0, "near", value=[1]),
+        edit("stages", 0, "near", value=[[0]]),
+        edit("stages", 0, "mode", value=["sequential"]),
+        edit("stages", 0, "converged", value=1),
+        edit("stages", 0, "failed", value=[{"stage": 1}]),
+        edit("stages", value=[[]]),
+        edit("stages", value=[None] * 100_000),
+        edit("seconds", value=float("nan")),
+        lambda progress: [progress],
+        lambda progress: "x",
+        lambda progress: json.loads("[" * 600 + "]" * 600),
+    ],
+)
+def test_an_unfinished_run_with_other_keys_types_or_sizes_is_refused(tmp_path, change):
+    with pytest.raises(InputError, match=r"resume\.npz: .*without --resume to start anew"):
+        resumed(tmp_path, change)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["resume.npz"]
+
+
+def test_an_unfinished_run_that_is_compressed_is_refused(tmp_path):
+    with np.load(io.BytesIO(damaged.originals().resume)) as data:
+        np.savez_compressed(tmp_path / "resume.npz", **data)
+    checkpoint = Checkpoint(tmp_path / "resume.npz", resume=True)
+    with pytest.raises(InputError, match="without compression"):
+        plan_motion(damaged.originals().motion, 1, checkpoint=checkpoint)
+
+
+def read_resume(folder):
+    checkpoint = Checkpoint(folder / "resume.npz", resume=True)
+    return plan_motion(damaged.originals().motion, 1, checkpoint=checkpoint)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+@pytest.mark.parametrize(
+    ("name", "read"), [("resume.npz", read_resume), ("solution.nc", load_plan)]
+)
+def test_what_has_no_end_is_not_read(tmp_path, make, name, read):
+    make(tmp_path / name)
+    with pytest.raises(InputError, match="not a regular file"):
+        read(tmp_path)
+
+
+# --- saved plans -------------------------------------------------------------------------------
+
+
+def refused(folder, data):
+    data.to_netcdf(folder / "solution.nc", engine="scipy")
+    with pytest.raises(InputError, match=r"solution\.nc: cannot be read as a plan") as caught:
+        load_plan(folder, throw=False)
+    assert printable(str(caught.value)) == str(caught.value)
+    return str(caught.value)
+
+
+def test_a_plan_is_read_from_its_file_as_well_as_from_its_folder(tmp_path):
+    save_plan(damaged.originals().plan, tmp_path)
+    for path in (tmp_path, str(tmp_path), tmp_path / "solution.nc", f"{tmp_path}/solution.nc"):
+        np.testing.assert_array_equal(load_plan(path).x, damaged.originals().plan.x)
+    with pytest.raises(InputError, match=r"elsewhere/solution\.nc: cannot be read"):
+        load_plan(tmp_path / "elsewhere" / "solution.nc")
+
+
+def test_only_steps_that_have_an_auxiliary_solution_may_be_near_one(tmp_path):
+    """Else an edited file would be free of the bounds on change, and called solved."""
+    data = damaged.originals().arrays
+    elsewhere = data["near_activation"] - 3.5
+    assert "beyond its bounds" in refused(tmp_path, data.assign(near_activation=elsewhere))
+    loose = json.loads(data.attrs["problem_json"])
+    loose["phases"][0]["auxiliary"] = None
+    spec = type(damaged.originals().motion.spec).model_validate_json(json.dumps(loose))
+    honest = fingerprint(spec)
+    edited = data.assign_attrs(problem_json=spec.model_dump_json(), problem_sha256=honest)
+    assert "has no auxiliary solution" in refused(tmp_path, edited)
+    assert "sequential" in refused(tmp_path, data.assign_attrs(plan_mode="horizon", lookahead=2))
+
+
+@pytest.mark.parametrize("elements", [300, 1200])
+def test_a_mesh_that_would_fill_the_memory_is_refused(tmp_path, elements):
+    assert "nodes" in refused(tmp_path, damaged._finer(damaged.originals().arrays, elements))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("solves", '[{"stage": "horizon"}]'),
+        ("solves", "[[1, 2, 3]]"),
+        ("solves", "[" * 5000 + "]" * 5000),
+        ("solves", "[" + "[]," * 500_000 + "0]"),
+        ("notes", '{"a": 1}'),
+        ("notes", "[1]"),
+        ("versions", '{"python": 3}'),
+        ("options", "[]"),
+        ("options", "1" * 5000),
+    ],
+)
+def test_records_of_other_kinds_are_refused(tmp_path, name, text):
+    data = damaged.originals().arrays
+    assert refused(tmp_path, data.assign_attrs({f"{name}_json": text}))
+
+
+def test_notes_and_records_of_solves_hold_nothing_that_a_terminal_obeys(tmp_path):
+    data = damaged.originals().arrays
+    solves = json.loads(data.attrs["solves_json"])
+    solves[0]["detail"] = solves[0]["message"] = "\x1b]0;title\x07\u202e"
+    changed = data.assign_attrs(
+        notes_json=json.dumps(["\x1b[2J\nsolved"]), solves_json=json.dumps(solves)
+    )
+    changed.to_netcdf(tmp_path / "solution.nc", engine="scipy")
+    plan = load_plan(tmp_path, throw=False)
+    texts = [*plan.notes, plan.solves[0].detail, plan.solves[0].message]
+    assert all(text.isprintable() for text in texts)
+    assert plan.notes == (r"\x1b[2J\nsolved",)
+
+
+def test_arrays_that_share_their_numbers_are_refused():
+    """A header of a kilobyte may name the same megabytes many times."""
+    numbers = bytes(800_000)
+    entry = b"\0\0\0\1%b\0\0\0\0\0\0\1\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\6\0\0\0\0\0\0\4\0"
+    header = b"CDF\1\0\0\0\0" + b"\0\0\0\n\0\0\0\1" + b"\0\0\0\1n\0\0\0" + b"\0\1\x86\xa0"
+    variables = b"".join(entry % bytes([97 + i]) for i in range(20))
+    content = header + b"\0" * 8 + b"\0\0\0\v\0\0\0\x14" + variables
+    content += b"\0" * (1024 - len(content)) + numbers
+    with pytest.raises(InputError, match="share their numbers"):
+        read_netcdf(content)

@@ -1,0 +1,200 @@
+"""Variants of a motion are problems of their own: read back, they are what was planned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from plans import MOTIONS, POINT, TOUCH, shipped, written
+
+from trunk_ocp.errors import InputError
+from trunk_ocp.foresight import equal_bounds
+from trunk_ocp.loads import Loads
+from trunk_ocp.mirror import mirrored_motion
+from trunk_ocp.motion import as_built, build_motion, load_motion
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.redundancy.needed import motion_without
+from trunk_ocp.solution import Status
+from trunk_ocp.storage import load_plan, save_plan
+
+OFFSETS = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
+MUSCLES = ("R1-dl", "L3-vr", "R2-ivo")
+CHANGES = st.one_of(
+    OFFSETS.map(lambda offset: lambda motion: motion.shifted(offset)),
+    st.floats(0.5, 4.0).map(lambda most: lambda motion: motion.limited(activation=most)),
+    st.floats(0.5, 9.0).map(lambda rate: lambda motion: motion.limited(rate=rate)),
+    st.just(mirrored_motion),
+    st.just(equal_bounds),
+    st.sampled_from(MUSCLES).map(lambda name: lambda motion: motion_without(motion, (name,))),
+)
+HARD = """
+name = "hard"
+[bounds]
+activation = [-3.0, 0.0]
+extension = [0.67, 1.35]
+head_z_deg = [-5.0, 20.0]
+[bounds.muscles]
+"*1-dl" = [-1.0, 0.0]
+"R*" = [-2.5, 0.2]
+"[L]3-*" = [-0.7, 0.0]
+[[phases]]
+name = "reach"
+duration = 1.0
+steps = 2
+auxiliary = { activation_deviation = 0.4 }
+change = [{ activation = 0.9, head_z_deg = [-4.0, 8.0] }, { steps = [2, 2], activation = 2.0 }]
+loads.tip_mass = 2.0
+loads.log = { contact_from = 1.4, radius = 0.05, length = 1.0, density = 500.0, offset = 0.2 }
+[phases.bounds]
+activation = [-2.0, 0.0]
+muscles = { "L1-dl" = [-0.5, 0.0] }
+[[phases.targets]]
+Z = 1.75
+origin = "passive-tip"
+path = [[0.0, 0.1, -0.2], [0.1, 0.2, -0.1]]
+d2 = [0.3, 0.9, 0.1]
+[[phases]]
+name = "pull"
+duration = 0.3
+loads.pull = { force = 20.0, along = "d2", held_from_step = 1 }
+loads.contact_from = 1.4
+loads.contact_couple = [1.0, 2.0, 3.0]
+[phases.wrap]
+Z = [1.4, 1.75]
+points = 2
+log_radius = 0.1
+angles_deg = [50.0, -50.0]
+center = [0.5, 0.2, 1.0]
+position_weights = [1.0, 1.0]
+d3_weights = [1.0, 0.0]
+"""
+
+
+def many(count):
+    return settings(
+        max_examples=count,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+    )
+
+
+@pytest.fixture(scope="module")
+def hard(tmp_path_factory):
+    """A motion with bounds, loads and targets of every kind."""
+    return load_motion(written(tmp_path_factory.mktemp("hard"), HARD))
+
+
+def varied(motion, changes):
+    for change in changes:
+        motion = change(motion)
+    return motion
+
+
+@many(100)
+@given(changes=st.lists(CHANGES, min_size=1, max_size=4), name=st.sampled_from([*MOTIONS, "hard"]))
+def test_the_spec_of_a_variant_builds_it(hard, changes, name):
+    try:
+        motion = varied(hard if name == "hard" else shipped(name), changes)
+    except InputError:  # a limit that leaves a muscle nothing
+        return
+    assert as_built(motion)
+
+
+@many(8)
+@given(changes=st.lists(CHANGES, min_size=1, max_size=2))
+def test_a_plan_of_a_variant_comes_back_as_itself(tmp_path_factory, changes):
+    folder = tmp_path_factory.mktemp("variant")
+    motion = varied(load_motion(written(folder, POINT)), changes)
+    plan = plan_motion(motion, lookahead=1, throw=False)
+    save_plan(plan, folder)
+    again = load_plan(folder, throw=False)
+    assert (again.status, again.objective) == (plan.status, plan.objective)
+    assert [step.targets for step in again.motion.steps] == [s.targets for s in motion.steps]
+    np.testing.assert_array_equal(again.x, plan.x)
+
+
+def test_a_missed_plan_is_not_read_back_as_solved_nor_the_other_way_round(tmp_path):
+    motion = load_motion(written(tmp_path, TOUCH))
+    for moved in (motion.shifted((5.0, 0.0, 0.0)), motion.shifted((0.05, 0.0, 0.0))):
+        plan = plan_motion(moved, throw=False)
+        save_plan(plan, tmp_path)
+        assert load_plan(tmp_path, throw=False).status is plan.status
+    assert plan.status is Status.SOLVED
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_motion_moved_and_moved_back_asks_for_the_same(name):
+    motion = shipped(name)
+    back = motion.shifted((0.1, 0.02, -0.3)).shifted((-0.1, -0.02, 0.3))
+    for step, same in zip(motion.steps, back.steps, strict=True):
+        for target, other in zip(step.targets, same.targets, strict=True):
+            assert (target.position is None) == (other.position is None)
+            if target.position is not None:
+                np.testing.assert_allclose(other.position, target.position, rtol=0, atol=1e-15)
+
+
+def test_a_limit_narrows_and_never_widens(hard):
+    motion = hard.limited(activation=0.9, rate=1.0)
+    for step, before in zip(motion.steps, hard.steps, strict=True):
+        assert np.all(step.box.lower[:-2] >= -0.9)
+        assert np.all(step.box.lower >= before.box.lower)
+        assert np.all(step.box.upper <= before.box.upper)
+        assert np.all(step.change.upper[:-2] <= step.duration)
+        assert np.all(step.change.upper <= before.change.upper)
+
+
+@pytest.mark.parametrize(
+    "offset",
+    [
+        (1.0, 2.0),
+        (1.0, np.nan, 0.0),
+        (np.inf, 0.0, 0.0),
+        np.zeros((1, 3)),
+        "abc",
+        None,
+        (1e30, 0, 0),
+    ],
+)
+def test_an_offset_that_is_none_is_refused(offset):
+    with pytest.raises(InputError, match="offset"):
+        shipped("lift-log").shifted(offset)
+
+
+def heavier(motion):
+    steps = (
+        replace(step, loads=replace(step.loads, tip_force=(0, 0, 9.0))) for step in motion.steps
+    )
+    return replace(motion, steps=tuple(steps))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        heavier,
+        lambda motion: replace(motion, steps=motion.steps[:2]),
+        lambda motion: replace(motion, extension=(0.5, 1.5)),
+        lambda motion: heavier(motion).shifted((0.01, 0.0, 0.0)),
+        lambda motion: mirrored_motion(heavier(motion)),
+        lambda motion: replace(motion, spec=motion.spec.model_copy(update={"gravity": 9.0})),
+    ],
+)
+def test_what_could_not_be_read_back_is_not_saved(tmp_path, change):
+    plan = plan_motion(load_motion(written(tmp_path, POINT)), lookahead=1)
+    save_plan(plan, tmp_path / "out")
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    with pytest.raises(InputError, match="changed by hand"):
+        save_plan(replace(plan, motion=change(plan.motion)), tmp_path / "out")
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+def test_loads_changed_in_the_spec_are_kept(tmp_path):
+    motion = load_motion(written(tmp_path, TOUCH))
+    phase = motion.spec.phases[0]
+    loads = phase.loads.model_copy(update={"tip_mass": 3.0})
+    spec = motion.spec.model_copy(update={"phases": (phase.model_copy(update={"loads": loads}),)})
+    plan = plan_motion(build_motion(spec, motion.anatomy))
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).loads == (Loads(9.8, (0.0, 0.0, 3.0 * 9.8)),)
