@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, replace
+from typing import Any
 
 from .errors import InputError
 from .motion import Motion
@@ -90,6 +91,10 @@ class Replanner:
             solves=tuple(self._optimiser.solves[-1:]),
         )
         return plan.checked() if throw else plan
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
+        return {**self.__dict__, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)
