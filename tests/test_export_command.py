@@ -1,5 +1,7 @@
 """`trunk-ocp export`: every format proves itself, and bad use is told."""
 
+import hashlib
+import json
 import re
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from trunk_ocp.codegen.cases import cases, free_cases, resolved
 from trunk_ocp.codegen.formats import FORMATS, check_export
 from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.numpy_module import module_text
+from trunk_ocp.codegen.own_files import MANIFEST, NAMES
 from trunk_ocp.codegen.request import CheckError, Request
 from trunk_ocp.errors import InputError
 
@@ -51,6 +54,7 @@ def test_every_format_agrees_with_its_check_file_in_its_own_world(tmp_path, to):
     wanted = free | (under_load if FORMATS[to].loaded else set())
     assert wanted <= {*told}
     assert max(told[name] for name in wanted) <= 1e-10
+    assert {path.name for path in tmp_path.iterdir()} <= {*NAMES, MANIFEST}
 
 
 def test_the_programme_of_a_motion_agrees_with_its_check_file(tmp_path):
@@ -59,6 +63,7 @@ def test_the_programme_of_a_motion_agrees_with_its_check_file(tmp_path):
     assert result.exit_code == 0, result.output
     assert max(errors(result.output).values()) <= 1e-10
     assert (tmp_path / "layout.json").exists()
+    assert {path.name for path in tmp_path.iterdir()} <= {*NAMES, MANIFEST}
 
 
 @pytest.mark.parametrize("to", FORMULAS)
@@ -203,6 +208,94 @@ def test_a_file_of_the_users_own_is_not_overwritten(tmp_path):
     (tmp_path / "CMakeLists.txt").write_text("mine")
     result = export("asian-elephant", "--to", "c", "--out", tmp_path)
     assert result.exit_code == 2
-    assert "CMakeLists.txt: is there already, and not from an export" in result.stderr
+    assert "CMakeLists.txt: is there already, and not as an export wrote it" in result.stderr
     assert (tmp_path / "CMakeLists.txt").read_text() == "mine"
     assert not (tmp_path / "trunk.c").exists()
+
+
+# --- folders with other files ------------------------------------------------------------
+
+
+def told_and_kept(folder, before):
+    """Refused by name, with every file as it was."""
+    result = export("asian-elephant", "--to", "c", "--what", "shape", "--out", folder)
+    assert result.exit_code == 2, result.output
+    assert "not as an export wrote it" in result.stderr
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def manifest(files, **changes):
+    """An export.json as an export writes it."""
+    return json.dumps({"made_by": "trunk-ocp export", "files": files, **changes})
+
+
+@pytest.mark.parametrize(
+    "claim",
+    [
+        json.dumps({"files": ["thesis.docx", "export.json"]}),
+        manifest({"thesis.docx": hashlib.sha256(b"mine").hexdigest()}, made_by="me"),
+        "[1, 2]",
+        "[" * 50_000,
+        "null",
+        "",
+    ],
+    ids=["list", "another program", "no table", "deep", "null", "empty"],
+)
+def test_a_manifest_that_no_export_wrote_is_refused_and_kept(tmp_path, claim):
+    (tmp_path / "thesis.docx").write_text("mine")
+    (tmp_path / "export.json").write_text(claim)
+    told_and_kept(tmp_path, {"thesis.docx": b"mine", "export.json": claim.encode()})
+
+
+def test_a_forged_manifest_deletes_nothing(tmp_path):
+    """Not by a hash that is right, nor by a path out of the folder, nor through a link."""
+    outside, folder = tmp_path / "check.csv", tmp_path / "out"
+    folder.mkdir()
+    mine = {"thesis.docx": b"mine", "__init__.py": b"", "solve.py": b"changed"}
+    for name, content in mine.items():
+        (folder / name).write_bytes(content)
+    outside.write_text("mine")
+    (folder / "rows.csv").symlink_to(outside)
+    digest = hashlib.sha256(b"mine").hexdigest()
+    hashes = dict.fromkeys(("thesis.docx", "../check.csv", str(outside), "rows.csv"), digest)
+    hashes |= {"__init__.py": hashlib.sha256(b"").hexdigest(), "solve.py": digest, "trunk.c": 3}
+    (folder / "export.json").write_text(manifest(hashes))
+    result = export("asian-elephant", "--to", "casadi", "--what", "shape", "--out", folder)
+    assert result.exit_code == 0, result.output
+    assert {name: (folder / name).read_bytes() for name in mine} == mine
+    assert outside.read_text() == "mine"
+    assert (folder / "rows.csv").is_symlink()
+
+
+def test_an_export_that_was_edited_is_not_overwritten(tmp_path):
+    again = ["asian-elephant", "--to", "c", "--what", "shape", "--out", tmp_path]
+    assert export(*again).exit_code == 0
+    assert export(*again).exit_code == 0
+    with (tmp_path / "example.c").open("a") as stream:
+        stream.write("/* my own work */")
+    told_and_kept(tmp_path, {path.name: path.read_bytes() for path in tmp_path.iterdir()})
+
+
+@pytest.mark.parametrize("kind", ["link", "dangling", "folder"])
+def test_what_is_no_plain_file_is_in_the_way(tmp_path, kind):
+    folder, outside = tmp_path / "out", tmp_path / "outside.c"
+    folder.mkdir()
+    if kind == "folder":
+        (folder / "trunk.c").mkdir()
+    else:
+        (folder / "trunk.c").symlink_to(outside)
+    if kind == "link":
+        outside.write_text("mine")
+    result = export("asian-elephant", "--to", "c", "--what", "shape", "--out", folder)
+    assert result.exit_code == 2, result.output
+    assert "trunk.c: is there already" in result.stderr
+    assert [path.name for path in folder.iterdir()] == ["trunk.c"]
+    assert not outside.exists() or outside.read_text() == "mine"
+
+
+def test_a_check_runs_nothing_else_that_is_in_the_folder(tmp_path):
+    (tmp_path / "numpy.py").write_text("raise SystemExit('ran what was there')")
+    result = export("asian-elephant", "--to", "numpy", "--out", tmp_path, "--check")
+    assert result.exit_code == 0, result.output
+    assert "all agree" in result.output
+    assert not (tmp_path / "__pycache__").exists()

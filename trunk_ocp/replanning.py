@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import asdict, replace
+from typing import Any
 
 from .deferred_signals import deferred_interrupts
 from .errors import InputError
@@ -106,6 +107,10 @@ class Replanner:
             total_seconds=time.perf_counter() - began,
             solves=tuple(self._optimiser.solves[-1:]),
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
+        return {**self.__dict__, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -105,6 +106,14 @@ class ShapeMap:
         self._kernels, self._halvings = _kernels(), HALVINGS
         edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges
         self._step_between(np.array(sorted({*edges, *(float(Z) for Z in at)})))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle and deepcopy take: all but the compiled kernels, and what follows anyway."""
+        left_out = ("_kernels", "_finer")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _kernels=_kernels())
 
     def _step_between(self, edges: np.ndarray) -> None:
         """Prepare what does not depend on the activation: steps and their parameters."""

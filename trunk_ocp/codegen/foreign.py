@@ -10,7 +10,7 @@ import unicodedata
 
 LONGEST = 200
 """Characters of a name in a comment; an anatomy file allows no more."""
-UNBROKEN = 12
+UNBROKEN = 8
 """Characters of a word on a LaTeX page after which a line may break."""
 
 _HARMLESS = frozenset(" .,:;=+-_()[]'")
@@ -36,7 +36,8 @@ def python_literal(text: str) -> str:
 def c_literal(text: str) -> str:
     """Text as a C string of UTF-8: whatever is not a plain character by its octal code.
 
-    Three digits end an escape, whatever follows; question marks are escaped because of trigraphs.
+    Three digits end an escape, whatever follows. Question marks are escaped because of trigraphs,
+    spaces because lines are wrapped there.
     """
     data = str(text).encode("utf-8", "replace")
     plain = (chr(b) if _is_plain(chr(b)) else f"\\{b:03o}" for b in data)
@@ -70,4 +71,4 @@ def _is_letter(character: str) -> bool:
 
 
 def _is_plain(character: str) -> bool:
-    return character.isascii() and (character.isalnum() or character in " .,:;=+-_()[]")
+    return character.isascii() and (character.isalnum() or character in ".,:;=+-_()[]")
