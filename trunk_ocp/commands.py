@@ -80,7 +80,7 @@ def solve(**options: Any) -> None:
         "compare": ("questions", "compare_ways", "Ask what foresight is worth."),
         "convert": ("runs", "convert", "Write a finished run for other programs."),
         "explain": ("runs", "explain_run", "Say why a finished run is what it is."),
-        "export": ("exporting", "export_model", "Write the shape map for another program."),
+        "export": ("exporting", "export_model", "Write the map to shape for another program."),
         "optima": ("questions", "many_starts", "Ask whether the reported plan is the best."),
         "redundancy": ("questions", "redundant", "Tell which muscles a finished run determines."),
         "survey": ("questions", "survey_limits", "Ask how many steps ahead suffice."),

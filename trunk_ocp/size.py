@@ -37,7 +37,7 @@ class Size:
     memory : float
         Bytes, within a factor of about 1.5.
     seconds : float
-        Within a factor of about 3.
+        A guess: within a factor of about 3 for trunks of tens of muscles, 10 for thousands.
     """
 
     unknowns: int

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..anatomy import Muscle, Trunk
 from ..colours import group_colours
-from ..errors import StaticsError
+from ..errors import InputError, StaticsError
 from ..geometry import frames, outline
 from ..head import base_pose
 from ..rotations import about_y, about_z, directors, product
@@ -86,6 +86,8 @@ def _samples(plan: Plan) -> list[Sample]:
             samples.append(plan.sample(float(t)))
         except StaticsError:  # between steps, where nothing was planned: the page interpolates
             continue
+    if not samples:
+        raise InputError(f"{plan.motion.name}: no instant of the plan has an equilibrium to show.")
     return samples
 
 
