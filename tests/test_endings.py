@@ -108,6 +108,12 @@ def test_a_second_ctrl_c_ends_native_code():
     assert "Stopped at once" in ended.errors
 
 
+def destroy(things):
+    things.clear()
+    for _ in range(100):
+        time.sleep(0.01)
+
+
 class Clumsy:
     """Is interrupted while it is destroyed, where Python throws exceptions away."""
 
@@ -117,11 +123,8 @@ class Clumsy:
 
 def test_an_interrupt_in_a_destructor_is_not_lost():
     with Interrupts() as interrupts:
-        thing = Clumsy()
         with pytest.raises(KeyboardInterrupt):
-            del thing
-            for _ in range(100):
-                time.sleep(0.01)
+            destroy([Clumsy()])
         assert interrupts.came
 
 
@@ -133,13 +136,14 @@ def test_an_interrupt_that_came_before_planning_stops_it():
             assert reporter.stop
 
 
+def handlers():
+    return [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook
+
+
 def test_handlers_are_as_before_after_a_command():
-    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook
+    before = handlers()
     assert invoked("schema").exit_code == 0
-    assert (
-        [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)],
-        sys.unraisablehook,
-    ) == before
+    assert handlers() == before
 
 
 def test_an_error_that_native_code_makes_of_an_interrupt_is_one(monkeypatch):
@@ -157,7 +161,7 @@ def test_an_error_that_native_code_makes_of_an_interrupt_is_one(monkeypatch):
 # --- what fails after success --------------------------------------------------------------
 
 
-def broken(*arguments):
+def broken(*arguments, **options):
     raise ValueError("12 phases")
 
 
@@ -214,15 +218,14 @@ def test_too_little_memory_is_a_sentence(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("reader", "code", "told"),
+    ("command", "reader", "code", "told"),
     [
-        (">/dev/full", 2, "standard output cannot be written (No space left on device)"),
-        ("| :", 0, ""),
-        (">&-", 0, ""),
-        (">&- 2>&- <&-", 0, ""),
+        ("schema", ">/dev/full", 2, "standard output cannot be written (No space left on device)"),
+        ("schema", "| :", 0, ""),
+        ("tables", ">&-", 0, ""),
+        ("schema", ">&- 2>&- <&-", 0, ""),
     ],
 )
-@pytest.mark.parametrize("command", ["schema", "tables"])
 def test_what_only_prints_fails_where_nothing_can_be_printed(tmp_path, command, reader, code, told):
     run = f'{{ "$@"; echo $? >{tmp_path}/code; }} {reader}'
     words = [sys.executable, "-m", "trunk_ocp", command]
@@ -281,7 +284,7 @@ def numeric_options():
                 yield pytest.param(name, option, id=f"{name} {option.opts[-1]}")
 
 
-@pytest.mark.parametrize(("command", "option"), numeric_options())
+@pytest.mark.parametrize(("command", "option"), [*numeric_options()])
 def test_every_number_has_a_range(command, option):
     for text in NONSENSE:
         more = ["--to", "c"] if command == "export" else []
