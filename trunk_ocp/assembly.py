@@ -59,6 +59,11 @@ class Assembly:
         self._count = 0
         self._rows = 0
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Numbers of variables and of constraint rows."""
+        return self._count, self._rows
+
     def variables(
         self, *shape: int, lower: float | np.ndarray = -np.inf, upper: float | np.ndarray = np.inf
     ) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What `solve-motion`, `trunk-ocp tables` and `trunk-ocp schema` do; options are in commands."""
+"""What `solve-motion` and `trunk-ocp tables` do; their options are in commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ from .interrupts import INTERRUPTED, Interrupts
 from .motion import Motion, load_motion
 from .output import standard_output
 from .planner import Options, mode_of, plan_motion
-from .problem_file import problem_schema
 from .reporting import Reporter
 from .results_folder import default_folder, set_aside, sign
 from .screen import (
@@ -264,11 +263,4 @@ def print_tables(anatomy: str) -> None:
         console.print(rank_table(trunk))
     else:
         click.echo(f"{trunk.name} has no muscles.")
-    output.check()
-
-
-def print_schema() -> None:
-    """Print the JSON Schema of problem files."""
-    output = standard_output()
-    click.echo(json.dumps(problem_schema(), indent=2), file=output)
     output.check()

@@ -5,6 +5,7 @@ Imports little, so that help is there at once; what a command does is imported w
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import click
 
 from .ending import Command, Group
 from .option_types import Number
+from .output import standard_output
 
 
 @click.command("solve", cls=Command)
@@ -80,7 +82,11 @@ def solve(**options: Any) -> None:
         "compare": ("questions", "compare_ways", "Ask what foresight is worth."),
         "convert": ("runs", "convert", "Write a finished run for other programs."),
         "explain": ("runs", "explain_run", "Say why a finished run is what it is."),
-        "export": ("exporting", "export_model", "Write the shape map for another program."),
+        "export": (
+            "exporting",
+            "export_model",
+            "Write the map from activations, head and loads to shape for another program.",
+        ),
         "optima": ("questions", "many_starts", "Ask whether the reported plan is the best."),
         "redundancy": ("questions", "redundant", "Tell which muscles a finished run determines."),
         "survey": ("questions", "survey_limits", "Ask how many steps ahead suffice."),
@@ -104,9 +110,11 @@ def tables(anatomy: str) -> None:
 @main.command("schema", cls=Command)
 def schema() -> None:
     """Print the JSON Schema of problem files, for editors."""
-    from .cli import print_schema
+    from .problem_file import problem_schema
 
-    print_schema()
+    output = standard_output()
+    click.echo(json.dumps(problem_schema(), indent=2), file=output)
+    output.check()
 
 
 main.add_command(solve)

@@ -14,6 +14,7 @@ from .codegen.model import FEWEST
 from .codegen.request import CheckError
 from .codegen.subjects import load_subject
 from .command import clean_errors
+from .option_types import Number
 from .output import standard_output
 
 DISAGREES = 3
@@ -49,8 +50,12 @@ def _points(
     help="Where the files go.  [default: export/NAME-FORMAT]",
 )
 @click.option("--second", is_flag=True, help="Also second derivatives, along a direction.")
-@click.option("--contact-from", type=float, metavar="Z", help="Where contact loads start, in m.")
-@click.option("--elements", type=int, default=FEWEST, metavar="N", help="At least N elements.")
+@click.option(
+    "--contact-from", type=Number("Z"), metavar="Z", help="Where contact loads start, in m."
+)
+@click.option(
+    "--elements", type=Number("elements"), default=FEWEST, metavar="N", help="At least N elements."
+)
 @click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
 @click.option("--single", is_flag=True, help="Single precision (ONNX).")
 @click.option("--check", is_flag=True, help="Run the export in its own world, and compare.")

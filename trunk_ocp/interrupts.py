@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 INTERRUPTED = 4  # exit code
 SHOW_CURSOR = b"\x1b[?25h"  # which a live line on a terminal has hidden
 ORDERLY = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+AGAIN = b"\0"  # no signal
+MOMENT = 0.01  # s
 AT_ONCE = [getattr(signal, n) for n in ("SIGQUIT",) if hasattr(signal, n)]
 
 
@@ -49,8 +52,7 @@ class Interrupts:
         self.hint = ""
         self._reporter: Reporter | None = None
         self._finishing = False
-        self._lost = 0  # KeyboardInterrupts that nobody got, to be raised again
-        self._recounted = 0  # those of them that the thread must not count
+        self._lost = False  # whether the last KeyboardInterrupt reached nobody
         self._ending = threading.Lock()
         self._before: dict[int, Any] = {}
 
@@ -99,7 +101,7 @@ class Interrupts:
 
     def _answer(self, number: int, frame: FrameType | None) -> None:
         if self._lost:
-            self._lost -= 1
+            self._lost = False
         elif self.came or number in AT_ONCE:
             self._end()
         self.came = True
@@ -111,10 +113,14 @@ class Interrupts:
 
     def _watch(self, reader: int) -> None:
         """Count signals, until the other end is closed; the second one ends the process."""
-        count = 0
+        count = own = 0
         while byte := os.read(reader, 1):
-            if self._recounted:
-                self._recounted -= 1
+            if byte == AGAIN:
+                time.sleep(MOMENT)
+                self._lost, own = True, own + 1
+                _thread.interrupt_main()  # comes back here as a signal
+            elif own and byte[0] == signal.SIGINT:
+                own -= 1
             elif byte[0] in self._before:
                 count += 1
                 if count > 1 or byte[0] in AT_ONCE:
@@ -122,13 +128,14 @@ class Interrupts:
         os.close(reader)
 
     def _raise_again(self, report: sys.UnraisableHookArgs) -> None:
-        """Raise a KeyboardInterrupt again that came in a destructor, where it is lost."""
-        if not issubclass(report.exc_type, KeyboardInterrupt):
+        """Raise a KeyboardInterrupt again that came in a destructor, where it is lost.
+
+        By the thread, a moment later: what is raised in here would be lost as well.
+        """
+        if issubclass(report.exc_type, KeyboardInterrupt):
+            os.write(self._writer, AGAIN)
+        else:
             self._unraisable(report)
-            return
-        self._recounted += 1
-        self._lost += 1
-        _thread.interrupt_main()
 
     def _end(self) -> None:
         """End the process here and now, past every `finally`: one of them may take long."""

@@ -23,6 +23,7 @@ from .mirror import mirrored_unknowns
 from .motion import Motion
 from .parallel import Done, run
 from .planner import Options, plan_from
+from .ranges import check
 from .reporting import Reporter
 from .solution import Plan
 
@@ -147,8 +148,8 @@ def optima(
     seed : of the random starts
     processes, reporter, done : see `parallel.run`
     """
-    if starts < 0:
-        raise InputError(f"starts = {starts}: expected 0 or more.")
+    check(starts, "random starts", "starts")
+    check(seed, "seed")
     options = options or Options()
     (reported,) = run(plan_of, [(motion, lookahead, options, None)], 1, reporter)
     guesses = {"reported plan": reported.x, "rest": np.zeros_like(reported.x)}

@@ -25,6 +25,7 @@ from typing import Any, TypeVar
 
 from .errors import TrunkError
 from .files import discard_unfinished
+from .ranges import check
 from .reporting import Reporter
 from .threads import one_thread
 
@@ -80,6 +81,8 @@ def run(
     TrunkError
         If a process was ended from outside.
     """
+    if processes is not None:
+        check(processes, "processes")
     reporter, done = reporter or Reporter(), done or (lambda _, __: None)
     count = min(processes or cores(), len(tasks))
     here = count <= 1 or not may_start()
@@ -103,13 +106,13 @@ def _check(reporter: Reporter) -> None:
 
 
 def finished(
-    jobs: Sequence[Job[T]], processes: int, check: Callable[[], object] = lambda: None
+    jobs: Sequence[Job[T]], processes: int, poll: Callable[[], object] = lambda: None
 ) -> Generator[tuple[int, Future[T]]]:
     """Number and future of each job as it ends; a job that failed has its error in its future.
 
     Parameters
     ----------
-    check : callable
+    poll : callable
         Called a few times a second; what it raises ends all jobs.
 
     Raises
@@ -125,7 +128,7 @@ def finished(
         waiting = _submitted(pool, jobs)
         while waiting:
             ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
-            check()
+            poll()
             for future in ended:
                 _raise_if_broken(future)
                 yield waiting.pop(future), future

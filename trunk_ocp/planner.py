@@ -26,8 +26,10 @@ from .errors import InputError, StaticsError
 from .loads import Loads, vector
 from .motion import Box, Motion, Step, allowed
 from .provenance import versions
+from .ranges import check
 from .reporting import Reporter
 from .rod import STATES
+from .size import check_size
 from .solution import Plan, loads_of
 from .solver import CONVERGED, FEASIBLE, ROUGH, Optimiser, Outcome, rank
 from .statics import Shape, shape_of_states, solve_statics, unloaded_shape
@@ -73,6 +75,11 @@ class Options:
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     starts: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("elements", "degree", "max_iterations", "starts"):
+            if (value := getattr(self, name)) is not None:
+                check(value, name)
 
 
 @dataclass
@@ -147,6 +154,8 @@ def plan_motion(
     few = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimiser(options.linear_solver, few, reporter, ROUGH, ends)
     mesh = first_mesh(motion, options)
+    if large := check_size(motion, mesh, lookahead):
+        reporter.note(large)
     given = start  # its own cost counts as well
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)

@@ -10,6 +10,7 @@ import contextlib
 import difflib
 import json
 import os
+import sys
 import tomllib
 import unicodedata
 from pathlib import Path
@@ -97,8 +98,15 @@ def read_toml(path: Path, model: type[Model]) -> Model:
         text = json.dumps(data, default=str)
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply; expected a few levels.") from None
-    except ValueError as error:  # of TOML, of the encoding, of numbers of thousands of digits
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not UTF-8 text, which TOML is; save it as UTF-8.") from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: is not valid TOML: {error}.") from None
+    except ValueError:
+        raise InputError(
+            f"{path}: has a whole number of thousands of digits; expected at most "
+            f"{sys.get_int_max_str_digits():,} digits."
+        ) from None
     try:
         return model.model_validate_json(text)
     except ValidationError as error:

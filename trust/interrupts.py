@@ -34,7 +34,7 @@ AT_ONCE = 1.0  # s, from the second Ctrl-C to the end
 PATIENCE = 120.0  # s from one signal to the end; a figure or a window may have to be finished
 KINDS = ("once", "once", "twice", "terminated")
 BEGUN = "begun"
-COMMAND = "from trunk_ocp.entry import trunk_ocp as f; import os; os.write(2, b'begun\\n'); f()"
+COMMAND = f"from trunk_ocp.entry import trunk_ocp as f; import os; os.write(2, b'{BEGUN}\\n'); f()"
 PROBLEM = """
 name = "point"
 [bounds]
@@ -118,15 +118,17 @@ def struck(
     )
     try:
         assert process.stderr is not None
-        process.stderr.readline()  # begun
+        process.stderr.readline()  # BEGUN
         last = time.monotonic()
         for delay in delays:
             select.select([], [], [], delay)
             if process.poll() is None:
                 os.killpg(process.pid, number)
                 last = time.monotonic()
-        output, errors = process.communicate(timeout=PATIENCE)
+        while process.poll() is None and time.monotonic() - last < PATIENCE:
+            time.sleep(0.005)
         seconds = time.monotonic() - last
+        output, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     return Ended(process.returncode, output.decode(), errors.decode(), seconds)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..anatomy import Muscle, Trunk
 from ..colours import group_colours
-from ..errors import StaticsError
+from ..errors import InputError, StaticsError
 from ..geometry import frames, outline
 from ..head import base_pose
 from ..interpolation import with_marks
@@ -98,6 +98,8 @@ def _samples(plan: Plan) -> list[Sample]:
             # Between steps, where nothing was planned, the page interpolates.
             with contextlib.suppress(StaticsError):
                 samples.append(plan.sample(t, after=after))
+    if not samples:
+        raise InputError(f"{plan.motion.name}: no instant of the plan has an equilibrium to show.")
     return samples
 
 
