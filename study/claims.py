@@ -84,13 +84,6 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
             for short in LIFTS
         )
     ),
-    "half and half: each takes between a third and two thirds of the turns that go": lambda f: all(
-        1 / 3
-        < (f[s]["moving"]["paper"]["turns"] - f[s]["moving"]["costed"]["turns"])
-        / (f[s]["moving"]["paper"]["turns"] - f[s]["moving"]["horizon"]["turns"])
-        < 2 / 3
-        for s in LIFTS
-    ),
     "no turn is left in segment 3": lambda f: all(
         f[short]["moving"]["horizon"]["third"] == 0 for short in LIFTS
     ),

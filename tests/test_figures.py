@@ -7,12 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 from matplotlib.patches import StepPatch
 from plans import MOTIONS, POINT, first_steps, planned, written
-from test_user_motions import ROD, arm
+from test_user_motions import REACH, ROD, arm
 
 from trunk_ocp import colours
 from trunk_ocp.figures import (
@@ -32,7 +33,7 @@ from trunk_ocp.figures.scene import VIEWS, ball, cylinder
 from trunk_ocp.figures.things import head_sphere, log_at
 from trunk_ocp.head import base_pose
 from trunk_ocp.limits import limits, touching
-from trunk_ocp.motion import load_motion
+from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status
 from trunk_ocp.statics import solve_statics
@@ -371,6 +372,82 @@ def test_a_trunk_without_muscles_is_drawn(tmp_path):
 def test_a_motion_of_directions_only_is_drawn(tmp_path):
     plan = plan_motion(arm(tmp_path, "d1 = [0.95, 0.0, -0.3]\nd2 = [0.0, 1.0, 0.0]"))
     assert "errors" in drawn(plan, tmp_path)
+
+
+def test_wanted_directions_are_drawn_where_the_point_is(tmp_path):
+    target = "d1 = [0.95, 0.0, -0.3]\nd2 = [0.0, 1.0, 0.0]"
+    plan = plan_motion(arm(tmp_path, target))
+    (row,) = rows_of(plan)
+    (mark,) = row.marks
+    assert not mark.placed
+    np.testing.assert_array_equal(mark.target, plan.verification.trajectory.position[0, -1])
+    np.testing.assert_allclose(mark.directions[0], np.divide([0.95, 0, -0.3], np.hypot(0.95, 0.3)))
+    with style.styled():
+        figure = shapes.picture(plan, [row])
+    assert len(with_gid(figure, "direction")) == 2 * len(VIEWS)
+    assert not with_gid(figure, "target")
+
+
+def phases_of(folder, count, name="p"):
+    """A plan of many phases, each of one step to the same place."""
+    motion = arm(folder, "position = [0.2, 0.1, 0.9]")
+    spec = motion.spec
+    many = tuple(spec.phases[0].model_copy(update={"name": f"{name}{n}"}) for n in range(count))
+    return plan_motion(build_motion(spec.model_copy(update={"phases": many}), motion.anatomy))
+
+
+@pytest.mark.parametrize("count", [1, 5, 6, 23])
+def test_any_number_of_phases_fits_on_a_page(tmp_path, count):
+    plan = phases_of(tmp_path, count)
+    rows = shapes.joined(rows_of(plan))
+    with style.styled():
+        figure = shapes.picture(plan, rows)
+    assert len(rows) == min(count, shapes.MOST_ROWS)
+    assert len(with_gid(figure, "target")) == count * len(VIEWS)  # none is left out
+    assert figure.get_figheight() / style.MM <= shapes.TALLEST + shapes.HEADER + 1e-6
+    drawn = [axes.get_position() for axes in figure.axes]
+    # A trunk of 1 m is to be seen: two centimetres at least.
+    assert min(box.height for box in drawn) * figure.get_figheight() / style.MM >= 20
+    assert all(shapes.layer(plan, row, 0) for row in rows)
+
+
+def test_the_smallest_and_the_largest_trunk_are_drawn_alike(tmp_path):
+    sizes = []
+    for scale in (0.01, 1.0, 100.0):
+        text = ROD.replace("length = 1.0", f"length = {scale}")
+        text = text.replace("density = 1000.0", "density = 0.0")
+        target = f"Z = {scale}\nposition = [0.0, 0.0, {scale}]"
+        written(tmp_path, text, "arm.toml")
+        motion = load_motion(written(tmp_path, REACH.replace("Z = 1.0", target)))
+        plan = plan_motion(motion, throw=False)
+        with style.styled():
+            figure = shapes.picture(plan, rows_of(plan))
+        sizes.append([*figure.get_size_inches(), *figure.axes[0].get_position().bounds])
+        (bar,) = with_gid(figure, "measure")
+        assert 0.05 * scale <= float(bar.get_text().split()[0]) <= scale
+    np.testing.assert_allclose(sizes[0], sizes[1], rtol=0.01)
+    np.testing.assert_allclose(sizes[2], sizes[1], rtol=0.01)
+
+
+def test_long_names_stay_within_the_picture(tmp_path):
+    plan = phases_of(tmp_path, 9, "a phase with a very long name that goes on and on ")
+    plan = replace(plan, motion=replace(plan.motion, spec=plan.motion.spec.model_copy(
+        update={"title": "long " * 39})))  # fmt: skip
+    with style.styled():
+        figure = activations.picture(plan)
+        FigureCanvasAgg(figure).draw()
+    page = figure.bbox
+    for artist in (*figure.legends, figure._suptitle):
+        box = artist.get_window_extent()
+        assert page.x0 <= box.x0
+        assert box.x1 <= page.x1
+    assert any("and 3 more phases" in text for text in texts(figure))
+
+
+def test_a_picture_of_very_many_rows_is_written(tmp_path):
+    with style.styled():
+        (path,) = style.save(style.new_figure(9000.0, 20.0), tmp_path, "tall", ("png",))
+    assert imread(path).shape[0] <= style.MOST_PIXELS
 
 
 def test_a_plan_cut_short_or_empty_is_drawn(tmp_path):

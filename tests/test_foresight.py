@@ -1,5 +1,6 @@
 """What foresight is worth: by hand where a motion is small enough, and by what has to hold."""
 
+import io
 import json
 from dataclasses import replace
 from functools import cache
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, first_steps, shipped, written
+from rich.console import Console
 from scipy.optimize import minimize
 from toys import C, shortening
 
@@ -19,6 +21,8 @@ from trunk_ocp.foresight import TRACKING_ONLY, Curve, equal_bounds, foresight, f
 from trunk_ocp.parallel import run
 from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.reporting import Reporter
+from trunk_ocp.screen import foresight_table
+from trunk_ocp.solution import Status
 from trunk_ocp.transcription import Weights
 
 WEIGHTS = Weights(effort=1e-3, rate=1e-3)
@@ -180,9 +184,14 @@ def test_the_number_of_processes_changes_nothing():
         np.testing.assert_array_equal(plan.x, two.curve.plans[H].x)
 
 
-def made_up(totals, sounds):
+def made_up(totals, sounds, missed=()):
     plans = {
-        H: SimpleNamespace(objective=SimpleNamespace(total=total), converged=good, verified=True)
+        H: SimpleNamespace(
+            objective=SimpleNamespace(total=total),
+            converged=good,
+            verified=True,
+            status=Status.MISSED if H in missed else Status.SOLVED,
+        )
         for H, (total, good) in enumerate(zip(totals, sounds, strict=True), 1)
     }
     return Curve(shortening(WANTED[: len(totals)]), plans, plans[len(totals)], plans[1])
@@ -192,6 +201,29 @@ def test_only_sound_plans_suffice():
     curve = made_up([2.0, 1.005, 1.005, 1.3, 1.0], [True, False, True, True, True])
     assert curve.sufficient == 3
     assert set(curve.excess) == {1, 3, 4, 5}
+
+
+@pytest.mark.parametrize(
+    ("missed", "enough"),
+    [((), 2), ((2,), 3), ((2, 3, 4), 5), ((1, 2, 3, 4, 5), 2)],
+)
+def test_no_lookahead_suffices_that_misses_what_the_horizon_reaches(missed, enough):
+    assert made_up([2.0, 1.005, 1.004, 1.003, 1.0], [True] * 5, missed).sufficient == enough
+
+
+@pytest.mark.parametrize("mode", ["narrow", "long words"])
+def test_no_column_of_a_comparison_is_cut_at_80(mode):
+    result = toy()
+    if mode == "long words":
+        plans = {H: replace(plan, converged=False) for H, plan in result.curve.plans.items()}
+        result = replace(result, curve=replace(result.curve, plans=plans))
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(foresight_table(result))
+    text = console.export_text()
+    assert "\N{HORIZONTAL ELLIPSIS}" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    for name in result.measures:
+        assert text.count(name.replace("paper, ", "").replace("lookahead", "ahead")) >= 2
 
 
 def test_lookaheads_worse_than_none_are_told():

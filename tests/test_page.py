@@ -490,6 +490,18 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     )
 
 
+def test_directions_that_are_asked_for_are_shown_at_the_point(tmp_path):
+    text = TOUCH.replace("position = [0.6, 0.1, 1.2]", "d3 = [1.0, 0.0, 1.0]")
+    plan = plan_motion(load_motion(written(tmp_path, text)), lookahead=1)
+    (shown,) = payload([plan])["plans"]
+    (arrow,) = shown["arrows"]
+    assert arrow["direction"] == pytest.approx([2**-0.5, 0, 2**-0.5])
+    tip = plan.shape.position(np.array([1.75]))[0, 0]
+    assert arrow["position"] == pytest.approx(tip, abs=1e-4)  # the check's tolerance
+    assert (arrow["from"], arrow["to"]) == (0.0, 1.0)
+    assert shown["targets"] == []
+
+
 def test_log_hangs_where_its_couple_says():
     plan = planned("lift-log-asymmetric", "sequential")
     (log,) = payload([plan])["plans"][0]["objects"]

@@ -67,6 +67,7 @@ fraction of a step | steps = 2 | steps = 2.5 | phases[2] & steps & 2.5 & integer
 truth for a number | Z = 1.5 | Z = true | targets[1] & Z & True & number
 two of three coordinates | [0.6, 0.0, 1.2] | [0.6, 0.0] | targets[1] & position
 four of three coordinates | [0.6, 0.0, 1.2] | [1.0, 2.0, 3.0, 4.0] | targets[1] & position
+a comma for a point | [0.6, 0.0, 1.2] | [0,6, 0.0, 1.2] | targets[1].position & at most 3 & got 4 & 0.6
 not a number | gravity = 9.8 | gravity = nan | gravity & nan & finite
 infinity | force = 10.0 | force = inf | phases[2] & force & inf & finite
 name that is no folder | "study" | "my/study" | name & my/study & pattern
@@ -87,6 +88,14 @@ wrap around nothing | center = [0.3, 0.0, 1.2] |  | phases[2] & wrap & center or
 too few weights | [1.0, 1.0, 1.0] | [1.0, 1.0] | phases[2] & position_weights & 3 points
 too many weights | [0.0, 0.0, 0.0] | [0.0, 0.0, 0.0, 0.0] | phases[2] & d3_weights & 3 points
 position and path | d3 = [0.0, 0.0, 1.0] | path = [[0, 0, 1], [0, 0, 2]] | targets[1] & not both
+position and through | d3 = [0.0, 0.0, 1.0] | through = [[0, 0, 1], [0, 0, 2]] | targets[1] & position or through, not both
+one way point | position = [0.6, 0.0, 1.2] | through = [[0.6, 0.0, 1.2]] | targets[1].through & at least 2
+way point of two numbers | position = [0.6, 0.0, 1.2] | through = [[0.6, 0.0], [0.6, 0.1]] | targets[1].through[1] & at least 3
+way points of both kinds | position = [0.6, 0.0, 1.2] | through = [[0.5, 0.6, 0.0, 1.2], [0, 0, 2]] | targets[1] & all [x, y, z] or all [t, x, y, z]
+way points back in time | position = [0.6, 0.0, 1.2] | through = [[0.5, 0.6, 0.0, 1.2], [0.5, 0, 0, 2]] | targets[1] & through[2] & t = 0.5 s & increase
+way point before the phase | position = [0.6, 0.0, 1.2] | through = [[-0.1, 0.6, 0.0, 1.2], [0.5, 0, 0, 2]] | targets[1] & through[1] & -0.1 s & 0 or later
+way point after the phase | position = [0.6, 0.0, 1.2] | through = [[0.5, 0.6, 0.0, 1.2], [1.5, 0, 0, 2]] | phases[1] & t = 1.5 s & the phase at 1 s
+wrap with both | center = [0.3, 0.0, 1.2] | center = [0.3, 0.0, 1.2]\nthrough = [[0, 0, 1], [0, 0, 2]] | phases[2].wrap & either a center
 path of one point | position = [0.6, 0.0, 1.2] | path = [[0.6, 0.0, 1.2]] | targets[1] & path & at least 2
 target of nothing | position = [0.6, 0.0, 1.2]\nd3 = [0.0, 0.0, 1.0] |  | targets[1] & needs a position
 direction of no length | d3 = [0.0, 0.0, 1.0] | d3 = [0.0, 0.0, 0.0] | targets[1] & d3 & zero

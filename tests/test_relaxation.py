@@ -7,9 +7,10 @@ import pytest
 from plans import MOTIONS, POINT, TOUCH, first_steps, shipped, soft_rod, written
 
 from trunk_ocp.activation import strain_matrix
+from trunk_ocp.diagnosis import explain
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import plan_motion
-from trunk_ocp.relaxation import contradictions, elastic_bounds, reach, said
+from trunk_ocp.relaxation import contradictions, elastic_bounds, nearest, reach, said
 from trunk_ocp.solution import Status
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
@@ -204,3 +205,45 @@ def test_step_numbers_are_said_in_runs():
     assert said((1, 2, 3, 7)) == "steps 1 to 3, 7"
     assert said((4,)) == "step 4"
     assert said((1, 2)) == "steps 1 to 2"
+
+
+# --- advice within physics ---------------------------------------------------------------
+
+
+def test_advice_stays_within_what_a_body_can_do(tmp_path):
+    """Whatever the price, no bound gives beyond the paper's activations and a neck's angles."""
+    for bound in elastic_bounds(shorten(tmp_path, strongest=-0.1, head="[-10.0, 10.0]")).bounds:
+        if "change" in bound.name:
+            continue
+        amount = np.degrees(bound.most) if bound.unit == "deg" else bound.most
+        given = bound.value + bound.sign * amount
+        if "activation" in bound.name:
+            assert -3.5 - 1e-12 <= given <= 0
+        elif "extension" in bound.name:
+            assert 0.5 - 1e-12 <= given <= 1.6 + 1e-12
+        elif "psi_Y" in bound.name:
+            assert abs(given) <= 60 + 1e-9
+        else:  # this rod has no head, and is clamped in this direction
+            assert bound.most == 0
+
+
+@pytest.mark.parametrize("length", [0.3, 2.0])
+def test_what_is_beyond_physics_is_said_to_be(tmp_path, length):
+    plan = plan_motion(shorten(tmp_path, length=length, strongest=-1.0), throw=False)
+    assert plan.status is Status.MISSED
+    assert reach(plan) is None
+    # Straight, with a segment of 0.5 to 1.6; no muscle lengthens it beyond 1.
+    least = {0.3: 0.2, 2.0: 1.0}[length]
+    assert nearest(plan) == pytest.approx(least, abs=5e-3)
+    failures = [f for f in explain(plan).findings if f.level == "failure"]
+    assert any("would do" in f.what and "activations to -3.5" in f.what for f in failures)
+    assert any(f"{1e3 * nearest(plan):.4g} mm" in d for f in failures for d in f.details)
+
+
+def test_a_clamped_base_is_not_advised_to_turn(tmp_path):
+    target = (0.5, 0.0, 0.8)
+    plan = plan_motion(shorten(tmp_path, length=target), throw=False)
+    assert plan.status is Status.MISSED
+    told = [str(finding) for finding in explain(plan).findings]
+    assert not any("head psi" in text for text in told)
+    assert not any("psi" in response.name for response in explain(plan).responses)

@@ -8,7 +8,7 @@ from plans import POINT, TOUCH, soft_rod, written
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import load_motion
+from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status
 
@@ -66,6 +66,93 @@ def test_a_path_is_followed_from_its_start_to_its_end(tmp_path):
     np.testing.assert_allclose(first, (0.725, 0.075, 1.125), rtol=0, atol=1e-12)
     np.testing.assert_allclose(last, (0.7, 0.0, 1.1), rtol=0, atol=1e-12)
     assert max(errors.position.max() for errors in plan.errors) <= 0.02
+
+
+WAY = [[0.6, 0.1, 1.2], [0.7, 0.0, 1.1], [0.8, 0.1, 1.0], [0.7, 0.2, 1.1]]
+
+
+def through(folder, rows, steps, origin="base"):
+    text = POINT.replace(
+        "path = [[0.6, 0.1, 1.2], [0.7, 0.0, 1.1]]", f'through = {rows}\norigin = "{origin}"'
+    )
+    text = text.replace("duration = 0.5\nsteps = 2", f"duration = 0.5\nsteps = {steps}")
+    return load_motion(written(folder, text))
+
+
+def wanted(motion):
+    """Positions that the second phase asks for."""
+    return np.array([step.targets[0].position for step in motion.steps if step.phase == 1])
+
+
+@pytest.mark.parametrize(
+    ("steps", "at"), [(3, slice(1, None)), (4, slice(0, None)), (6, slice(1, None))]
+)
+def test_way_points_are_at_steps(tmp_path, steps, at):
+    """From the end of the phase before on; with as many steps as points, one at each."""
+    every = wanted(through(tmp_path, WAY, steps))
+    found = every[1::2] if steps == 6 else every
+    np.testing.assert_allclose(found, WAY[at], rtol=0, atol=1e-12)
+    assert len(every) == steps
+
+
+def test_way_points_have_their_own_times(tmp_path):
+    rows = [[t, *point] for t, point in zip((0.0, 0.1, 0.3, 0.5), WAY, strict=True)]
+    found = wanted(through(tmp_path, rows, 5))
+    np.testing.assert_allclose(found[[0, 2, 4]], WAY[1:], rtol=0, atol=1e-12)
+
+
+def test_between_way_points_the_curve_is_that_of_a_cubic(tmp_path):
+    """Not-a-knot: points of one cubic are on that cubic, and so is all between them."""
+    t = np.linspace(0.0, 0.5, 5)
+    cubic = np.array([0.6 + t - 3 * t**3, 0.1 - t**2, 1.2 - t + 2 * t**3]).T
+    found = wanted(through(tmp_path, np.column_stack([t, cubic]).tolist(), 10))
+    t = np.linspace(0.05, 0.5, 10)
+    expected = np.array([0.6 + t - 3 * t**3, 0.1 - t**2, 1.2 - t + 2 * t**3]).T
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_before_the_first_and_after_the_last_way_point_is_where_they_are(tmp_path):
+    rows = [[0.2, *WAY[0]], [0.3, *WAY[1]]]
+    found = wanted(through(tmp_path, rows, 5))
+    np.testing.assert_allclose(found, [WAY[0], WAY[0], WAY[1], WAY[1], WAY[1]], atol=1e-12)
+
+
+def test_way_points_may_be_measured_from_the_passive_tip(tmp_path):
+    by = wanted(through(tmp_path, WAY, 4, "passive-tip")) - np.array(WAY)
+    # The passive tip, DESIGN 2; to the digits that are given there.
+    np.testing.assert_allclose(by, np.tile([0.6720968, 0, 1.6202937], (4, 1)), atol=1e-6)
+
+
+def test_a_plan_passes_through_all_way_points_without_stopping(tmp_path):
+    motion = through(tmp_path, WAY, 4)
+    assert motion.warnings == ()
+    plan = solved(motion)
+    tips = plan.verification.trajectory.position[2:, -1]
+    assert np.linalg.norm(tips - WAY, axis=1).max() <= 0.02  # the default tolerance
+    before, after = (
+        plan.sample(t).shape.position(np.array([1.75]))[0] for t in motion.times[3] + [-0.01, 0.01]
+    )
+    assert np.linalg.norm(after - before) >= 0.002  # 0.1 m/s; the points are 1.4 m/s apart
+
+
+def test_the_center_of_a_wrap_may_pass_through_way_points():
+    spec = load_motion("lift-log").spec
+    phases = [phase for phase in spec.phases if phase.wrap is not None and phase.wrap.path]
+    assert phases
+    phase = phases[0]
+    rows = [[0.1, 0.0, 0.2], [0.2, 0.0, 0.1], [0.3, 0.0, 0.0]]
+    wrap = phase.wrap.model_dump() | {"path": None, "through": tuple(map(tuple, rows))}
+    changed = phase.model_copy(update={"wrap": type(phase.wrap).model_validate(wrap)})
+    moving = [changed if p is phase else p for p in spec.phases]
+    motion = build_motion(
+        spec.model_copy(update={"phases": tuple(moving)}), load_motion("lift-log").anatomy
+    )
+    first = [s for s in motion.steps if s.phase == spec.phases.index(phase)]
+    moved = np.subtract(first[-1].targets[-1].position, first[0].targets[-1].position)
+    share = 2 * (1 - 1 / phase.steps)  # of the way, which is straight and even
+    if phase.steps == 3:
+        share = 2.0
+    np.testing.assert_allclose(moved, np.multiply(share, [0.1, 0.0, -0.1]), atol=1e-9)
 
 
 @pytest.mark.parametrize("director", [1, 2])

@@ -23,7 +23,7 @@ from .motion import Motion
 from .parallel import Done, run
 from .planner import Options, plan_from, plan_motion
 from .reporting import Reporter
-from .solution import Plan
+from .solution import Plan, Status
 from .transcription import Weights
 from .variants import unaided_spec
 
@@ -87,8 +87,17 @@ class Curve:
 
     @property
     def sufficient(self) -> int | None:
-        """The smallest lookahead whose objective is within `SHARE` of the best one's."""
-        return min((H for H, excess in self.excess.items() if excess <= SHARE), default=None)
+        """The smallest lookahead whose objective is within `SHARE` of the best one's.
+
+        None that misses a target suffices where the best does not.
+        """
+        reaches = self.best.status is Status.SOLVED
+        enough = (
+            H
+            for H, excess in self.excess.items()
+            if excess <= SHARE and (not reaches or self.plans[H].status is Status.SOLVED)
+        )
+        return min(enough, default=None)
 
     @property
     def worse_than_blind(self) -> list[int]:
@@ -184,7 +193,7 @@ def definitions() -> dict[str, dict[str, str]]:
         "sufficient_lookahead": (
             "time steps",
             f"smallest lookahead with a planner_objective within {SHARE:.0%} of the best "
-            "horizon's; null if none is",
+            "horizon's that misses no target, unless that horizon does; null if none is",
         ),
         "worse_than_blind": ("time steps", "lookaheads with a larger objective than lookahead 1"),
         "blind_from_best": ("", "lookahead 1 with each step's solve started from the best's"),

@@ -13,6 +13,7 @@ import os
 import sys
 import tomllib
 import unicodedata
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -210,9 +211,20 @@ def _describe(fault: Any, model: type[BaseModel]) -> str:
         return f"{key}: missing; this key is required."
     message = fault["msg"].removeprefix("Value error, ")
     value = fault["input"]
+    if fault["type"] == "too_long" and isinstance(value, list):
+        message = f"expected at most {fault['ctx']['max_length']} entries, got {len(value)}"
+        message += _decimal_comma(value)
     shown = "" if isinstance(value, dict) else f" = {_short(value)}"
     where = f"{key}{shown}: " if key else ""
     return f"{where}{message[0].lower()}{message[1:]}."
+
+
+def _decimal_comma(values: list[Any]) -> str:
+    """A hint at two whole numbers in a row, which may be one with a comma for a point."""
+    for one, two in pairwise(values):
+        if type(one) is type(two) is int and abs(one) < 1000 and 0 <= two < 1000:
+            return f"; is [{one}, {two}, ...] one number? Decimals have a point, {one}.{two}"
+    return ""
 
 
 def _dotted(location: tuple[str | int, ...]) -> str:

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, Group
 from rich.markup import escape
 from rich.status import Status as Spinner
 from rich.table import Table
+from rich.text import Text
 
 from .anatomy import Trunk
 from .comparison import DEFINITIONS, measure
 from .diagnosis import Diagnosis
+from .errors import InputError
 from .foresight import SHARE, Foresight
+from .mirror import mirrored_unknowns
 from .motion import Motion
 from .optima import SAME, Optima, distance
 from .redundancy import Redundancy
 from .redundancy.bands import AT_REST
 from .redundancy.report import cost, largest
 from .reporting import Progress, Reporter
-from .solution import Plan
+from .solution import Plan, Status
 from .tables import MEASURES, ranks, signs
 from .verification import SLACK
 
@@ -33,6 +37,7 @@ COLUMNS = (
     "psi_Y\ndeg", "check\nmm",
 )  # fmt: skip
 MOST_DETAILS = 6  # of a finding, at the end of a run
+LONGEST_PHASE = 20  # letters of its name in a table
 LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
 
 
@@ -108,7 +113,10 @@ def step_table(plan: Plan) -> Table:
         pad_edge=False,
     )
     for name in COLUMNS:
-        table.add_column(name, justify="left" if name == "phase" else "right", no_wrap=True)
+        if name == "phase":
+            table.add_column(name, no_wrap=True, max_width=LONGEST_PHASE, overflow="ellipsis")
+        else:
+            table.add_column(name, justify="right", no_wrap=True)
     for t in _shown(plan):
         step, errors = motion.steps[t], plan.errors[t]
         table.add_row(
@@ -199,32 +207,34 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
     return table
 
 
-def foresight_table(result: Foresight) -> Table:
-    """One row for each way of planning a motion; comparison.json has more, and definitions."""
-    sufficient = result.curve.sufficient
+def foresight_table(result: Foresight) -> Group:
+    """How good each way of planning a motion is, and how it uses the muscles.
+
+    comparison.json has more, and definitions.
+    """
     least = result.curve.best.objective.total
-    table = Table(
-        title=f"{result.motion.name}: what foresight is worth",
-        caption=f"{sufficient} steps ahead suffice, to {SHARE:.0%} of the best horizon's objective"
-        if sufficient
-        else "No lookahead suffices.",
-        box=SIMPLE_HEAD,
-        padding=0,
-        pad_edge=False,
+    quality = _plain_table(
+        f"{result.motion.name}: what foresight is worth",
+        ("way", "status", "cost\n/ best", "J", "worst\nmm", "worst\ndirection", "seconds"),
     )
-    for name in (
-        "way", "status", "cost\n/best", "J", "worst\nmm", "effort", "rate\n1/s", "vari-\nation",
-        "max\nstep", "turns", "sat.\ns", "over", "s",
-    ):  # fmt: skip
-        left = name in ("way", "status")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    use = _plain_table(
+        f"{result.motion.name}: how the muscles are used",
+        ("way", "effort", "rate\n1/s", "varia-\ntion", "largest\nchange", "turns", "at bound\ns",
+         "beyond\nchange"),
+    )  # fmt: skip
     for name, m in result.measures.items():
-        table.add_row(
-            name.replace("paper, ", "").replace("lookahead", "ahead"),
-            m.status,
-            f"{m.planner_objective / least:.3f}",
+        way = name.replace("paper, ", "").replace("lookahead", "ahead")
+        quality.add_row(
+            way,
+            _ending(m.status),
+            f"{m.planner_objective / least:.3f}" if least else "-",
             f"{m.paper_objective:.3g}",
             f"{1e3 * m.worst_position_error:.3g}",
+            f"{m.worst_direction_error:.3g}",
+            f"{m.seconds:.1f}",
+        )
+        use.add_row(
+            way,
             f"{m.squared_activation:.4g}",
             f"{m.squared_rate:.3g}",
             f"{m.total_variation:.3g}",
@@ -232,8 +242,45 @@ def foresight_table(result: Foresight) -> Table:
             str(m.reversals),
             f"{m.time_at_bound:.2g}",
             f"{m.change_excess:.1g}" if m.change_excess > SLACK else "-",
-            f"{m.seconds:.1f}",
         )
+    return Group(quality, use, Text(_sufficient(result), justify="center"))
+
+
+def _sufficient(result: Foresight) -> str:
+    """How many steps suffice, in a sentence, and what they suffice for."""
+    curve, count = result.curve, len(result.motion.steps)
+    if curve.sufficient is None:
+        return "No lookahead suffices."
+    told = (
+        f"Knowing {curve.sufficient} of {count} steps comes within {SHARE:.0%} of the best "
+        "horizon's objective"
+    )
+    ending = curve.best.status
+    return (
+        f"{told}." if ending is Status.SOLVED else f"{told}, which is not solved: {ending.value}."
+    )
+
+
+SHORTER = {
+    "unverified": "unverif.",
+    "iteration_limit": "stopped",
+    "not_converged": "failed",
+    "interrupted": "halted",
+    "infeasible": "infeas.",
+}
+"""Words for endings that are too long for a column."""
+
+
+def _ending(status: str) -> str:
+    return SHORTER.get(status, status)
+
+
+def _plain_table(title: str, names: Sequence[str]) -> Table:
+    """A dense table whose columns keep their width; words to the left, numbers to the right."""
+    table = Table(title=title, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+    for name in names:
+        left = name in ("way", "status")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
     return table
 
 
@@ -256,9 +303,9 @@ def survey_table(data: dict[str, Any]) -> Table:
         best = cell["best"]
         row = ["-" if limit is None else f"{limit:g}" for limit in cell["limits"].values()]
         for plan in (cell["lookaheads"]["1"], cell["blind_from_best"], best):
-            row += [plan["status"], f"{1e3 * plan['worst_position_error']:.4g}"]
+            row += [_ending(plan["status"]), f"{1e3 * plan['worst_position_error']:.3g}"]
             if plan is not best:
-                row.append(f"{plan['planner_objective'] / best['planner_objective']:.4g}")
+                row.append(f"{plan['planner_objective'] / best['planner_objective']:.3f}")
         table.add_row(*row, str(cell["sufficient_lookahead"] or "-"))
     return table
 
@@ -278,17 +325,28 @@ def optima_table(found: Optima) -> Table:
     best = found.distinct[0].plan if found.distinct else found.reported
     for optimum in found.distinct:
         m = measure(optimum.plan)
-        starts = optimum.starts
+        starts, twin = optimum.starts, _mirror_of(optimum.plan, found)
         some = ", ".join(starts[:3]) + (f" and {len(starts) - 3} more" if len(starts) > 3 else "")
         table.add_row(
             f"{m.planner_objective:.6g}",
             f"{m.paper_objective:.4g}",
             f"{1e3 * m.worst_position_error:.4g}",
             f"{distance(optimum.plan.x, best.x):.3g}",
-            m.status,
-            some,
+            _ending(m.status),
+            some + (f"; mirror image of row {twin}" if twin else ""),
         )
     return table
+
+
+def _mirror_of(plan: Plan, found: Optima) -> int:
+    """Row (from 1) of a better optimum whose mirror image a plan is; 0 if there is none."""
+    for row, optimum in enumerate(found.distinct, 1):
+        if optimum.plan is plan:
+            return 0
+        with suppress(InputError):  # of a trunk that has no other side
+            if distance(mirrored_unknowns(plan.motion.trunk, optimum.plan.x), plan.x) <= SAME:
+                return row
+    return 0
 
 
 def redundancy_table(found: Redundancy) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.ticker import MaxNLocator
 
 from ..anatomy import Muscle, Trunk
 from ..colours import group_colours, groups
@@ -83,6 +84,8 @@ def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
     reach = 105 * trunk.base_radius
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(4))
     axes.set_aspect("equal")
     axes.set_title(f"segment {segment + 1}, from Z = {start:.3g} m")
     axes.set_xlabel("$d_2$, right (cm)")

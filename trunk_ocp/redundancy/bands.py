@@ -13,8 +13,8 @@ from .variants import can_be_off
 
 NARROW = 1e-3
 """Width of a range that counts as none."""
-AT_REST = 1e-6
-"""Activation that counts as rest: as much as a plan may exceed its bounds by."""
+AT_REST = NARROW
+"""Activation that counts as rest: the optimizer leaves less than that behind by itself."""
 ALTOGETHER = 3000
 """Unknowns of one linear programme, where several small ones are solved as one."""
 

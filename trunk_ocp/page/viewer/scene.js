@@ -9,8 +9,8 @@ const GHOST = 0.13; // opacity of the other muscles while one is selected
 const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540, fruit: 0x9c3848 };
 // Sizes are shares of the trunk's length.
 const TARGET = {
-  now: { color: 0x111111, radius: 0.008 },
-  other: { color: 0x8d8d8d, radius: 0.0045 },
+  now: { color: 0x111111, radius: 0.01 },
+  other: { color: 0x8d8d8d, radius: 0.0065 },
 };
 const ARROW = { color: 0xcc0055, length: 0.1, radius: 0.01 };
 const PIVOT = 0.01;
