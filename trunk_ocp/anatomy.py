@@ -23,6 +23,8 @@ Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
 
 ROUNDED_PI = 3.1416  # Table 1 prints pi with four decimals
+ROUND_OFF = 1e-12
+"""Of the trunk's length, by which a point may lie beyond an end."""
 MOST_PARTS = 50
 """Segments of a trunk, and muscle groups of a segment; each segment needs elements of its own."""
 
@@ -202,6 +204,12 @@ class Trunk:
     def radius(self, Z: np.ndarray | float) -> np.ndarray:
         """Outer radius R_0(Z) in m (eq. 26)."""
         return self.base_radius * self.taper(Z)
+
+    def clipped(self, Z: np.ndarray | float) -> np.ndarray:
+        """Points Z in m, with what rounding adds beyond the ends, up to 1e-12 L, cut off."""
+        Z = np.asarray(Z, dtype=float)
+        within = np.clip(Z, 0.0, self.length)
+        return np.where(np.abs(Z - within) <= ROUND_OFF * self.length, within, Z)
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:

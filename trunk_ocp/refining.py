@@ -38,7 +38,9 @@ Failure = tuple[str, str]  # what is wrong beyond some share of the load, and wh
 
 def not_found(failure: Failure, reached: float) -> StaticsError:
     """The error of a rod whose load could be raised to a share `reached`."""
-    return StaticsError(f"{failure[0]} beyond {100 * reached:.1f} % of the load; {failure[1]}", reached)
+    return StaticsError(
+        f"{failure[0]} beyond {100 * reached:.1f} % of the load; {failure[1]}", reached
+    )
 
 
 def followed(problem: _Problem, defect: float = math.inf) -> tuple[Mesh, np.ndarray]:

@@ -31,7 +31,6 @@ TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
 UNRESOLVED = 0.1  # defect of a shape that a given mesh has nothing to do with
-ROUND_OFF = 1e-12  # of L, by which a point may lie beyond an end
 
 
 @dataclass(frozen=True, repr=False)
@@ -104,7 +103,7 @@ class Shape:
         return self.mesh.locate(points_on(self.trunk, np.atleast_1d(np.asarray(Z, dtype=float))))
 
 
-def points_on(trunk: Trunk, Z: np.ndarray, name: str = "Z") -> np.ndarray:
+def points_on(trunk: Trunk, Z: np.ndarray) -> np.ndarray:
     """Points Z (n,) of a trunk in m; rounding errors beyond its ends are cut off.
 
     Raises
@@ -112,11 +111,11 @@ def points_on(trunk: Trunk, Z: np.ndarray, name: str = "Z") -> np.ndarray:
     InputError
         For a point that is not on the trunk, or no number.
     """
-    L = trunk.length
-    outside = Z[~((Z >= -ROUND_OFF * L) & (Z <= (1 + ROUND_OFF) * L))]
+    Z = trunk.clipped(Z)
+    outside = Z[~((Z >= 0) & (Z <= trunk.length))]
     if outside.size:
-        raise InputError(f"{name} = {float(outside[0])!r}: expected 0 <= Z <= L = {L!r} m.")
-    return np.clip(Z, 0.0, L)
+        raise InputError(f"Z = {outside[0]:.12g}: expected 0 <= Z <= L = {trunk.length:.12g} m.")
+    return Z
 
 
 def solve_statics(

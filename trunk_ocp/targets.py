@@ -54,7 +54,7 @@ def phase_targets(
     ]
     if phase.wrap is not None:
         for Z in phase.wrap.Z:
-            _check_on_trunk(Z, trunk, f"{where}.wrap.Z")
+            _on_trunk(Z, trunk, f"{where}.wrap.Z")
         targets += _arc(phase.wrap, i / phase.steps, trunk, origins, f"{where}.wrap")
     return tuple(targets)
 
@@ -62,7 +62,7 @@ def phase_targets(
 def _point(
     spec: TargetSpec, t: float, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
 ) -> Target:
-    _check_on_trunk(spec.Z, trunk, f"{where}.Z")
+    Z = _on_trunk(spec.Z, trunk, f"{where}.Z")
     position = None
     if spec.path is not None:
         position = vector(origins[spec.origin] + _bezier(spec.path, t))
@@ -72,12 +72,12 @@ def _point(
     for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(wanted, HeldSpec):
             check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
+            directions.append(Held(wanted.held_from_step - 1, Z, j))
         else:
             directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
     return Target(
-        spec.Z,
+        Z,
         position,
         spec.position_weight,
         (directions[0], directions[1], directions[2]),
@@ -90,7 +90,7 @@ def _arc(
 ) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
     center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
-    Z = np.linspace(*spec.Z, spec.points)
+    Z = np.linspace(*trunk.clipped(spec.Z), spec.points)
     theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
     theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
     distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
@@ -130,14 +130,17 @@ def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
-def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
+def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
+    """Z itself, without what rounding adds beyond the ends; InputError for other points."""
+    Z = float(trunk.clipped(Z))
     if not 0 <= Z <= trunk.length:
         units = (("cm", 1e-2), ("mm", 1e-3))
         fits = (f" Is it in {u}? Write {f * Z:g}." for u, f in units if 0 < f * Z <= trunk.length)
         raise InputError(
-            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m."
+            f"{where} = {Z:.12g}: expected a point of the trunk, 0 to {trunk.length:.12g} m."
             f"{next(fits, '') if Z > 5 * trunk.length else ''}"
         )
+    return Z
 
 
 def check_earlier(number: int, step: int, where: str) -> None:

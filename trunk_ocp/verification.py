@@ -170,9 +170,7 @@ def _independent(
     return path, end_moment
 
 
-def _stretch(
-    trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], path: Trajectory
-) -> np.ndarray:
+def _stretch(trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], path: Trajectory) -> np.ndarray:
     """Least and largest zeta / zeta_hat (H, 2) along paths."""
     mean = mean_extension(trunk, strains(trunk, x[:, :-2]))[:, None]
     force = np.reshape([internal_force(load, trunk, path.Z) for load in loads], path.position.shape)
