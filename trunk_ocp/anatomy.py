@@ -8,6 +8,7 @@ trunk of the same kind is another file.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -205,11 +206,11 @@ class Trunk:
         """Outer radius R_0(Z) in m (eq. 26)."""
         return self.base_radius * self.taper(Z)
 
-    def clipped(self, Z: np.ndarray | float) -> np.ndarray:
+    def clipped(self, Z: np.ndarray | Sequence[float] | float) -> np.ndarray:
         """Points Z in m, with what rounding adds beyond the ends, up to 1e-12 L, cut off."""
-        Z = np.asarray(Z, dtype=float)
-        within = np.clip(Z, 0.0, self.length)
-        return np.where(np.abs(Z - within) <= ROUND_OFF * self.length, within, Z)
+        given = np.asarray(Z, dtype=float)
+        within = np.clip(given, 0.0, self.length)
+        return np.where(np.abs(given - within) <= ROUND_OFF * self.length, within, given)
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:

@@ -21,12 +21,13 @@ from .reporting import Reporter
 from .solution import Plan, Status
 from .solver import Solve
 from .threads import one_thread
-from .verification import LARGEST_DIFFERENCE, SLACK
+from .verification import LARGEST_TURN, SLACK
 from .violations import Violation
 
 MOST = 6  # effects that are told
 NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
 LOW_MARGIN = 0.2  # of stability, below which a plan is warned of
+POINTED = 0.01  # tip radius over base radius: its stiffness is 1e-8 of the base's
 MATTERS = 1e-6  # m; smaller effects of a bound are not told
 
 MEANINGS = {
@@ -182,7 +183,11 @@ def _unverified(plan: Plan) -> Finding:
     advice = "Report this plan: planned and integrated shapes should agree."
     if plan.verification.too_coarse:
         advice = "The trunk bends too sharply for the mesh: ease the loads, or give "
-        advice += "Options(elements=...) more than 12."
+        advice += f"Options(elements=...) more than {plan.mesh.elements}."
+    if np.any(plan.verification.stretch <= 0):
+        advice = "Ease the loads, or check youngs_modulus and radii: nothing would be left there."
+    if plan.motion.trunk.taper(plan.motion.trunk.length) < POINTED:
+        advice += " The trunk ends almost in a point, which bends without limit: less taper_deg."
     return Finding("failure", "the independent check failed", (*plan.verification.faults,), advice)
 
 
@@ -259,12 +264,19 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         t = int(np.argmin(margin))
         left = f"step {t + 1}: the loads leave {100 * margin[t]:.2g} % of the trunk's stiffness"
         yield Finding("warning", "the trunk is near buckling", (left,))
-    worst = float(plan.verification.position_difference.max())
-    if LARGEST_DIFFERENCE / 2 < worst <= LARGEST_DIFFERENCE:
+    check = plan.verification
+    worst, turn = float(check.position_difference.max()), float(check.turn.max())
+    most = check.largest_difference
+    if not check.too_coarse and (worst > most / 2 or turn > LARGEST_TURN / 2):
         told = (
-            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * LARGEST_DIFFERENCE:g} pass",
+            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * most:.3g} pass",
+            f"directors {turn:.2g} from the integrated ones, {LARGEST_TURN:g} pass",
         )
         yield Finding("warning", "the mesh is barely fine enough", told)
+    if check.doubts:
+        yield Finding(
+            "warning", "the loads strain the trunk beyond what it is made for", tuple(check.doubts)
+        )
     if plan.near and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan leaves the horizon's bounds on change", told)

@@ -16,8 +16,8 @@ import numpy as np
 
 from .activation import mean_extension, segment_at, stiffness, strains
 from .anatomy import Trunk, check_activation
-from .collocation import Mesh, gauss, mesh_for
 from .block_gaps import close_gaps
+from .collocation import Mesh, gauss, mesh_for
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
@@ -255,8 +255,8 @@ def _refined(problem: _Problem, states: np.ndarray, batch: tuple[int, ...]) -> S
         start[index] = resampled(its, own, finer)[0]
     problem = replace(problem, mesh=finer)
     states, errors = problem.solve(start)
-    for index, error in errors.items():
-        raise problem.named(error, index)
+    for index, lost in errors.items():
+        raise problem.named(lost, index)
     return problem.shape(states, batch)
 
 
@@ -435,10 +435,7 @@ class _Problem:
         gaps = response[..., 0]
         gaps[:, :-1] += ends[:, :-1] - states[:, 1:, 0]  # this element's end, the next one's start
         gaps[:, -1, 4:] += ends[:, -1, 4:]  # m(L) vanishes after the step
-        # Moments in units of the section's stiffness, for the pivots to compare like with like.
-        unit = np.ones((self.mesh.elements + 1, STATES))
-        edges = np.asarray(self.mesh.edges)
-        unit[:, 4:] = stiffness(self.trunk, edges)[:, 1:2] / self.trunk.length
+        unit = edge_units(self.trunk, self.mesh)
         maps = response[..., 1:] * unit[:-1, None] / unit[1:, :, None]
         edge = close_gaps(maps, (gaps / unit[1:])[..., None])[:, :-1, :, 0] * unit[:-1]
         step = np.empty_like(states)
@@ -466,6 +463,13 @@ class _Problem:
             edges.reshape(*batch, *edges.shape[1:]),
             slopes.reshape(*batch, *slopes.shape[1:]),
         )
+
+
+def edge_units(trunk: Trunk, mesh: Mesh) -> np.ndarray:
+    """Units (elements + 1, 7) of states at the edges: 1 and E I(Z) / L, for pivots to compare."""
+    unit = np.ones((mesh.elements + 1, STATES))
+    unit[:, 4:] = stiffness(trunk, np.asarray(mesh.edges))[:, 1:2] / trunk.length
+    return unit
 
 
 _IS_Q = np.arange(STATES) < 4

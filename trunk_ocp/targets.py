@@ -90,7 +90,8 @@ def _arc(
 ) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
     center = _bezier(spec.path, t) if spec.path is not None else np.asarray(spec.center)
-    Z = np.linspace(*trunk.clipped(spec.Z), spec.points)
+    first, last = trunk.clipped(spec.Z).tolist()
+    Z = np.linspace(first, last, spec.points)
     theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
     theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
     distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))

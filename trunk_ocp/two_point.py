@@ -1,10 +1,11 @@
 """Independent equilibria: a planned shape is checked as the two-point problem that it solves.
 
-From the base, a rod with a stiff thin tip cannot be integrated: what is off in m(0) grows by
-exp(int |N|^(1/2) (E I)^(-1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod is
-cut into intervals, over which little grows, all of them are integrated side by side, and Newton's
-method closes the gaps between them with pose at the base and m(L) = 0 at the tip (multiple
-shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it starts.
+A rod with a thin loaded tip cannot be integrated from the base: what is off in m(0) grows by
+exp(int (|N| / E I)^(1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod
+is cut into intervals over which little grows, all of them are integrated side by side, and
+Newton's method closes the gaps between them, with the pose at the base and m(L) = 0 at the tip
+(multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it
+starts.
 """
 
 from __future__ import annotations
@@ -217,7 +218,8 @@ def _nodes(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m.
 
-    None if too much grows. What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
+    None if too much grows. What grows: turns, by curvature; bending, by the force that pulls or
+    pushes; 1 / f(Z).
     """
     jumps = jumps_of(trunk, loads)
     k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)

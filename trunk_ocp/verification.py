@@ -25,6 +25,8 @@ LARGEST_DIFFERENCE = 1e-4 / 1.75  # of L, between planned and independent center
 LARGEST_TURN = 3e-4  # of a director, ten times that of the shipped motions
 LARGEST_FORCE_DIFFERENCE = 1e-3  # of the largest force that pulls, between planned and held pull
 LARGEST_END_MOMENT = 1e-3  # of the largest moment along the trunk
+PLAUSIBLE_STRETCH = (0.5, 2.0)
+"""Of zeta / zeta_hat; at either end the linear law (15) is off by a factor of two from rubber's."""
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
 
@@ -73,6 +75,26 @@ class Verification:
     def largest_difference(self) -> float:
         """Distance in m by which planned and integrated centerline may differ."""
         return LARGEST_DIFFERENCE * self.length
+
+    @property
+    def doubts(self) -> list[str]:
+        """What holds but hardly means anything, a sentence each."""
+        if not len(self.stretch):
+            return []
+        low, high = PLAUSIBLE_STRETCH
+        squeezed, drawn = int(np.argmin(self.stretch[:, 0])), int(np.argmax(self.stretch[:, 1]))
+        told = []
+        for t, value, word, beyond in (
+            (squeezed, self.stretch[squeezed, 0], "compress", self.stretch[squeezed, 0] < low),
+            (drawn, self.stretch[drawn, 1], "stretch", self.stretch[drawn, 1] > high),
+        ):
+            if beyond:
+                told.append(
+                    f"step {t + 1}: the loads {word} part of the trunk to {value:.3g} of its "
+                    f"length; outside {low:g} to {high:g} the linear elasticity of the model means "
+                    "little. Check loads, youngs_modulus and radii"
+                )
+        return told
 
     @property
     def faults(self) -> list[str]:
@@ -164,7 +186,7 @@ def _independent(
     lost = np.flatnonzero(~np.isfinite(path.moment).all(axis=(1, 2)))
     if lost.size:
         moment = shape.moment(np.array([0.0]))[lost, 0]
-        marched = integrate(trunk, x[lost], [loads[t] for t in lost], moment, Z)
+        marched = integrate(trunk, x[lost], [loads[t] for t in lost.tolist()], moment, Z)
         path.position[lost], path.directors[lost] = marched.position, marched.directors
         path.moment[lost], end_moment[lost] = marched.moment, marched.moment[:, -1]
     return path, end_moment
