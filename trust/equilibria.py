@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from trunk_ocp.anatomy import AnatomySpec, Trunk
+from trunk_ocp.anatomy import AnatomySpec, Trunk, build_trunk
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.loads import Loads
 from trunk_ocp.motion import build_motion
@@ -135,9 +135,7 @@ class Judge:
 
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = solve_bvp(
-                slope, ends, s, np.vstack(guess), tol=TOLERANCE, max_nodes=MOST_NODES
-            )
+            found = solve_bvp(slope, ends, s, np.vstack(guess), tol=TOLERANCE, max_nodes=MOST_NODES)
         if not found.success or np.abs(frames(q0[:, None])[..., 0] - self.frame).max() > 1e-9:
             return None
         return self._line(found)
@@ -231,8 +229,6 @@ def tip_force(rng: np.random.Generator, trunk: Trunk) -> list[float]:
 
 def drawn(rng: np.random.Generator) -> tuple[AnatomySpec, Trunk, Array, Loads]:
     """A random trunk, its activation and loads."""
-    from trunk_ocp.anatomy import build_trunk
-
     while True:
         spec = AnatomySpec.model_validate(_frozen(anatomy(rng)))
         trunk = build_trunk(spec)
@@ -257,6 +253,7 @@ def judge_shapes(count: int, seed: int) -> Tally:
     """Shapes that statics finds, judged."""
     tally = Tally()
     for number in range(count):
+        _told("shapes", number, tally)
         rng = np.random.default_rng([seed, 0, number])
         _, trunk, activation, load = drawn(rng)
         try:
@@ -268,6 +265,11 @@ def judge_shapes(count: int, seed: int) -> Tally:
         off = Judge(trunk, activation, np.zeros(2), load).error(shape)
         _count(tally, off, f"shape {number}", off is not None and not off <= NEAR)
     return tally
+
+
+def _told(what: str, number: int, tally: Tally) -> None:
+    if number % 20 == 0:
+        print(f"{number} {what}, {tally.judged} judged, faults: {tally.faults}", flush=True)
 
 
 def _count(tally: Tally, off: float | None, what: str, wrong: bool) -> None:
@@ -305,6 +307,7 @@ def judge_plans(count: int, seed: int) -> Tally:
     tally, number = Tally(), 0
     while sum(tally.outcomes.values()) < count:
         number += 1
+        _told("plans", sum(tally.outcomes.values()), tally)
         rng = np.random.default_rng([seed, 1, number])
         spec, trunk, activation, load = drawn(rng)
         try:
@@ -331,7 +334,10 @@ def _judge_plan(plan: Plan, load: Loads, tally: Tally, what: str) -> None:
 def measure(shapes: int, plans: int, seed: int) -> dict[str, Any]:
     """Counts of all that was tried."""
     began, counts = time.perf_counter(), {}
-    for name, tally in (("shapes", judge_shapes(shapes, seed)), ("plans", judge_plans(plans, seed))):
+    for name, tally in (
+        ("shapes", judge_shapes(shapes, seed)),
+        ("plans", judge_plans(plans, seed)),
+    ):
         counts[name] = vars(tally) | {"outcomes": dict(tally.outcomes)}
     return {**counts, "seconds": round(time.perf_counter() - began, 1), "seed": seed}
 
