@@ -138,7 +138,7 @@ def over_extension(plan):
 @pytest.mark.parametrize(
     ("spoil", "fault"),
     [
-        (bent, "step 2: the moment at the free tip"),
+        (bent, "step 2: planned and integrated moments differ by 0.0"),
         (shifted, "planned and integrated centerline differ by 0.00"),
         (undone, "step 2: planned and integrated centerline differ by inf"),
         (over_bounds, "step 2: a bound on activation or head is exceeded by 1e-05"),

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from trunk_ocp import statics
+from trunk_ocp.anatomy import AnatomySpec, Head, build_trunk
+from trunk_ocp.codegen.model import build_model
 from trunk_ocp.collocation import Mesh, mesh_for
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.loads import Loads
+from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
 from trunk_ocp.verification import integrate
 from trust import reference
+from trust.equilibria import Judge
 from trust.validation.rods import EVERYTHING, heads
 
 REST = np.zeros(28)
@@ -159,3 +163,113 @@ def test_the_default_mesh_is_fine_enough_for_the_load(trunk, push):
     Z = np.linspace(0.0, trunk.length, 50)
     path = integrate(trunk, np.zeros((1, 30)), [load], shape.moment([0.0]), Z)
     assert np.linalg.norm(shape.position(Z) - path.position[0], axis=1).max() < 1e-5
+
+
+# --- strong taper, thrusts and pulls ------------------------------------------------------
+
+
+def thin_tipped(length=0.5):
+    """A soft arm from 0.04 L to 0.002 L: from its base, errors grow 1e8 times under 5 g."""
+    spec = AnatomySpec.model_validate(
+        {
+            "name": "arm",
+            "length": length,
+            "base_radius_over_length": 0.04,
+            "taper_deg": math.degrees(math.atan(0.038)),
+            "material": {"youngs_modulus": 1e5, "poisson_ratio": 0.5, "density": 1050.0},
+            "head": {"xi_d_deg": 30.0},
+            "segments": ({"Z_over_length": (0.0, 1.0), "muscles": (dorsal(),)},),
+        }
+    )
+    return build_trunk(spec)
+
+
+def dorsal():
+    return {
+        "group": "d",
+        "architecture": "longitudinal",
+        "radii_over_length": (0.02, 0.04),
+        "sector": (0.0, 1.2),
+    }
+
+
+@pytest.mark.parametrize("elements", [6, 24, 96])
+def test_a_thin_tip_under_load_has_its_shape_on_any_mesh(elements):
+    arm = thin_tipped()
+    load, activation = Loads(tip_force=(0.0, 0.0, 0.049)), np.array([-0.1, -0.03])
+    shape = solve_statics(arm, activation, loads=load, mesh=mesh_for(arm, None, elements))
+    off = Judge(arm, activation, np.zeros(2), load).error(shape)
+    assert off is not None
+    assert off < (1e-5 if elements == 6 else 1e-7)
+
+
+@pytest.mark.parametrize("force", [(1e5, 0.0, 0.0), (0.0, 0.0, 1e5), (3e4, 5e4, -8e4)])
+def test_a_strong_pull_is_resolved_where_it_bends_the_trunk(trunk, force):
+    load = Loads(tip_force=force)
+    shape = solve_statics(trunk, REST, loads=load)
+    assert shape.defect < 1e-5
+    way = np.array(force) / np.linalg.norm(force)
+    np.testing.assert_allclose(shape.directors([1.75])[0, 2], way, atol=0.02)  # a string, nearly
+    assert shape.extension.max() > 5
+    # d(r)/dZ of a string of E A(Z): 1 + F / (E A).
+    grown = force @ (shape.position([1.75])[0] - shape.position([0.0])[0]) / np.linalg.norm(force)
+    Z = np.linspace(0, 1.75, 2001)
+    string = 1 + np.linalg.norm(force) / (trunk.youngs_modulus * np.pi * trunk.radius(Z) ** 2)
+    assert grown == pytest.approx(np.trapezoid(string, Z), rel=0.05)
+
+
+def test_a_thrust_that_leaves_nothing_of_the_length_is_refused():
+    """A soft 10 cm arm under 50 N: 1 + n_3 / (E A) would be -0.6 all along."""
+    soft = dataclasses.replace(
+        thin_tipped(0.1), tan_taper=0.0, base_radius=0.01, density=0.0,
+        head=Head(0.0, 0.0, 0.0, 0.0),
+    )  # fmt: skip
+    push = 1.6 * soft.youngs_modulus * np.pi * soft.base_radius**2
+    for mesh in (None, mesh_for(soft)):
+        with pytest.raises(
+            StaticsError, match="compress part of the trunk to nothing beyond"
+        ) as it:
+            solve_statics(soft, np.zeros(2), loads=Loads(0.0, (0.0, 0.0, -push)), mesh=mesh)
+        assert it.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
+    half = solve_statics(soft, np.zeros(2), loads=Loads(0.0, (0.0, 0.0, -push / 3.2)))
+    np.testing.assert_allclose(half.extension, 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [3e7, 1e8, 1e9])
+@pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)])
+def test_a_tip_force_out_of_all_proportion_leaves_no_trunk_of_zero_length(trunk, size, way):
+    load = Loads(tip_force=tuple(size * np.array(way)))
+    with contextlib.suppress(StaticsError):  # or else a string of the length that E A says
+        shape = solve_statics(trunk, REST, loads=load, mesh=mesh_for(trunk, None, 24))
+        assert shape.defect < 0.1
+        assert np.linalg.norm(shape.position([1.75])) > size / 1e6
+
+
+def test_one_rod_that_needs_a_fine_mesh_leaves_the_others_of_its_batch_as_they_were(trunk):
+    loads = [Loads(), Loads(tip_force=(1e5, 0.0, 0.0))]
+    both = solve_statics(trunk, np.stack([REST, REST]), loads=loads)
+    for own, load in zip(both.position([0.9, 1.75]), loads, strict=True):
+        np.testing.assert_allclose(
+            own, solve_statics(trunk, REST, loads=load).position([0.9, 1.75]), atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("Z", [1.75 * (1 + 2e-16), np.nextafter(1.75, 2), -1e-17, -1e-13])
+def test_a_point_one_rounding_error_beyond_an_end_is_the_end(trunk, Z):
+    shape = solve_statics(trunk, REST)
+    end = 0.0 if Z < 1 else 1.75
+    for what in ("position", "directors", "moment", "state"):
+        np.testing.assert_array_equal(getattr(shape, what)([Z]), getattr(shape, what)([end]))
+    assert build_model(trunk, [Z]).Z == (end,)
+    spec = load_motion("pick-fruit").spec
+    phase = spec.phases[0]
+    target = phase.targets[0].model_copy(update={"Z": float(Z)})
+    phase = phase.model_copy(update={"targets": (target,)})
+    spec = spec.model_copy(update={"phases": (phase, *spec.phases[1:])})
+    motion = build_motion(spec, load_motion("pick-fruit").anatomy)
+    assert motion.steps[0].targets[0].Z == end
+
+
+def test_a_point_that_is_off_the_trunk_is_told_as_what_it_is(trunk):
+    with pytest.raises(InputError, match=r"Z = 1\.7500001: expected 0 <= Z <= L = 1\.75 m"):
+        solve_statics(trunk, REST).position([1.7500001])

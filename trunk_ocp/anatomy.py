@@ -8,6 +8,7 @@ trunk of the same kind is another file.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -23,6 +24,8 @@ Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
 
 ROUNDED_PI = 3.1416  # Table 1 prints pi with four decimals
+ROUND_OFF = 1e-12
+"""Of the trunk's length, by which a point may lie beyond an end."""
 MOST_PARTS = 50
 """Segments of a trunk, and muscle groups of a segment; each segment needs elements of its own."""
 
@@ -202,6 +205,12 @@ class Trunk:
     def radius(self, Z: np.ndarray | float) -> np.ndarray:
         """Outer radius R_0(Z) in m (eq. 26)."""
         return self.base_radius * self.taper(Z)
+
+    def clipped(self, Z: np.ndarray | Sequence[float] | float) -> np.ndarray:
+        """Points Z in m, with what rounding adds beyond the ends, up to 1e-12 L, cut off."""
+        given = np.asarray(Z, dtype=float)
+        within = np.clip(given, 0.0, self.length)
+        return np.where(np.abs(given - within) <= ROUND_OFF * self.length, within, given)
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:

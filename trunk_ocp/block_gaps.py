@@ -1,10 +1,10 @@
 """Linear two-point problems along the trunk, as Newton's method makes them.
 
-States at the K + 1 nodes of H rods change by step_(k+1) = map_k step_k + gap_k. The pose at the base
-is fixed, and so is the moment at the tip. To march from base to tip is quickest and fails
-where the maps make small things grow, as on a stiff thin tip under load; all equations in one
-banded matrix with row exchanges stay as accurate as the problem allows (de Hoog & Mattheij, SIAM J.
-Numer. Anal. 24, 1987).
+States at the K + 1 nodes of H rods change by step_(k+1) = map_k step_k + gap_k. The pose at the
+base is fixed, and so is the moment at the tip. To march from base to tip is quickest, and fails
+where the maps make small things grow, as on a thin tip under load. All equations in one banded
+matrix, solved with row exchanges, stay as accurate as the problem allows (Ascher, Mattheij &
+Russell 1995, chapter 7).
 """
 
 from __future__ import annotations

@@ -39,6 +39,10 @@ class Gauss:
         """Weights (..., d + 1) that give a state at tau from its values at 0 and the nodes."""
         return _lagrange(np.append(0.0, self.nodes), np.asarray(tau, dtype=float))
 
+    def from_nodes(self, tau: np.ndarray | float) -> np.ndarray:
+        """Weights (..., d) that give a rate at tau from its values at the nodes alone."""
+        return _lagrange(self.nodes, np.asarray(tau, dtype=float))
+
     def integral(self, tau: np.ndarray | float) -> np.ndarray:
         """Weights (..., d) that give a quadrature over [0, tau] from rates at the nodes."""
         tau = np.asarray(tau, dtype=float)

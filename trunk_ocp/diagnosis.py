@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .activation import strains
+from .anatomy import Trunk
 from .deferred_signals import deferred_interrupts
 from .free_choices import held_heads, one_sided
 from .motion import allowed
@@ -24,7 +25,7 @@ from .solution import Plan, Status
 from .solver import Solve
 from .suspicions import POINTED
 from .threads import one_thread
-from .verification import LARGEST_DIFFERENCE, SLACK
+from .verification import LARGEST_TURN, SLACK
 from .violations import Violation
 
 MOST = 6  # effects that are told
@@ -200,7 +201,11 @@ def _unverified(plan: Plan) -> Finding:
         )
     if plan.verification.too_coarse:
         advice = "The trunk bends too sharply for the mesh: ease the loads, or give "
-        advice += "Options(elements=...) more than 12."
+        advice += f"Options(elements=...) more than {plan.mesh.elements}."
+    if np.any(plan.verification.stretch <= 0):
+        advice = "Ease the loads, or check youngs_modulus and radii: nothing would be left there."
+    if _pointed(plan.motion.trunk):
+        advice += f" {_cause(plan)}"
     return Finding("failure", "the independent check failed", (*plan.verification.faults,), advice)
 
 
@@ -212,13 +217,17 @@ def _not_integrated(plan: Plan) -> str:
 def _cause(plan: Plan) -> str:
     """The probable cause of shapes that are no numbers, and what to do about it."""
     trunk = plan.motion.trunk
-    tip = float(trunk.radius(trunk.length))
-    if tip < POINTED * trunk.base_radius:
+    if _pointed(trunk):
+        tip = float(trunk.radius(trunk.length))
         return (
             f"The trunk ends nearly in a point, of radius {tip:.2g} m, that bends without limit: "
             "make taper_deg smaller in its anatomy."
         )
     return "Loads or stiffness are out of all proportion: check forces in N, moduli in Pa."
+
+
+def _pointed(trunk: Trunk) -> bool:
+    return float(trunk.taper(trunk.length)) < POINTED
 
 
 def _unstable(plan: Plan) -> Finding:
@@ -307,12 +316,19 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         t = int(np.argmin(margin))
         left = f"step {t + 1}: the loads leave {100 * margin[t]:.2g} % of the trunk's stiffness"
         yield Finding("warning", "the trunk is near buckling", (left,))
-    worst = float(plan.verification.position_difference.max())
-    if LARGEST_DIFFERENCE / 2 < worst <= LARGEST_DIFFERENCE:
+    check = plan.verification
+    worst, turn = float(check.position_difference.max()), float(check.turn.max())
+    most = check.largest_difference
+    if not check.too_coarse and (worst > most / 2 or turn > LARGEST_TURN / 2):
         told = (
-            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * LARGEST_DIFFERENCE:g} pass",
+            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * most:.3g} pass",
+            f"directors {turn:.2g} from the integrated ones, {LARGEST_TURN:g} pass",
         )
         yield Finding("warning", "the mesh is barely fine enough", told)
+    if check.doubts:
+        yield Finding(
+            "warning", "the loads strain the trunk beyond what it is made for", tuple(check.doubts)
+        )
     if plan.near and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan leaves the horizon's bounds on change", told)

@@ -173,12 +173,13 @@ def dop853(
     start: np.ndarray,
     at: np.ndarray,
     tolerance: float = TOLERANCE,
+    most: int = MOST_SLOPES,
 ) -> np.ndarray | None:
     """Values (points, n) at sorted points; None where there is no end to it, or no number."""
     calls = itertools.count(1)
 
     def counted(Z: float, y: np.ndarray) -> np.ndarray:
-        if next(calls) > MOST_SLOPES:
+        if next(calls) > most:
             raise _EndlessError
         return slope(Z, y)
 

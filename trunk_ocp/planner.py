@@ -196,6 +196,7 @@ def plan_motion(
         versions=versions(),
         options=asdict(options),
     )
+    plan = replace(plan, notes=(*plan.notes, *plan.verification.doubts))
     return plan.checked() if throw else plan
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from .activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
 from .anatomy import Head
+from .block_gaps import close_gaps
 from .collocation import gauss
 from .deferred_signals import deferred_interrupts
 from .errors import InputError
@@ -21,7 +22,7 @@ from .head import base_pose
 from .loads import Loads
 from .rod import STATES, STRAINS, point_parameters, rates
 from .rotations import directors
-from .statics import Shape, check_controls
+from .statics import Shape, check_controls, edge_units
 
 
 @deferred_interrupts()
@@ -72,20 +73,16 @@ def tip_jacobian(
     inner = np.linalg.solve(matrix.reshape(E, n, n), right.reshape(E, n, -1))
     inner = inner.reshape(E, d, STATES, -1)
 
-    # Chain the elements; m(0) is what keeps m(L) at zero.
+    # All edges together; m(0) is what keeps m(L) at zero.
     at_end = element.value(1.0)
     r0_slope, q0_slope = base_slopes(trunk.head, np.asarray(head, dtype=float))
-    columns = forced.shape[-1]
-    edge = np.zeros((E + 1, STATES, 3 + columns))
-    edge[0, 4:, :3] = np.eye(3)
-    edge[0, :4, -2:] = q0_slope
-    for k in range(E):
-        response = np.einsum("j,jxc->xc", at_end[1:], inner[k])
-        response[:, :STATES] += at_end[0] * np.eye(STATES)
-        edge[k + 1] = response[:, :STATES] @ edge[k]
-        edge[k + 1, :, 3:] += response[:, STATES:]
-    dm0 = -np.linalg.solve(edge[-1, 4:, :3], edge[-1, 4:, 3:])
-    by_unknown = edge[:, :, :3] @ dm0 + edge[:, :, 3:]
+    response = np.einsum("j,kjxc->kxc", at_end[1:], inner)
+    maps, gaps = response[..., :STATES] + at_end[0] * np.eye(STATES), response[..., STATES:]
+    gaps[0, :, -2:] += maps[0, :, :4] @ q0_slope
+    unit = edge_units(trunk, mesh)
+    scaled = maps * unit[:-1, None] / unit[1:, :, None]
+    by_unknown = close_gaps(scaled[None], (gaps / unit[1:, :, None])[None])[0] * unit[..., None]
+    by_unknown[0, :4, -2:] = q0_slope
 
     at_points = inner[..., :STATES] @ by_unknown[:-1, None] + inner[..., STATES:]
     slopes = by_state[..., STATES:, :] @ at_points + forced[..., STATES:, :]

@@ -34,7 +34,7 @@ from .loads import Loads
 from .point_shapes import PointShapes
 from .rod import point_parameters
 from .sensitivity import base_slopes, tangent_slope
-from .statics import check_controls
+from .statics import check_controls, points_on
 
 DEFECT = 1e-7  # with which a shape counts as resolved; see PointShapes.defect
 HALVINGS = 4  # of the steps, where a shape bends too sharply for them
@@ -105,7 +105,8 @@ class ShapeMap:
         self.trunk, self.loads, self.threads, self.strict = trunk, loads, threads, strict
         self._kernels, self._halvings = _kernels(), HALVINGS
         edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges
-        self._step_between(np.array(sorted({*edges, *(float(Z) for Z in at)})))
+        points = points_on(trunk, np.asarray(at, dtype=float)).tolist()
+        self._step_between(np.array(sorted({*edges, *points})))
 
     def __getstate__(self) -> dict[str, Any]:
         """What pickle and deepcopy take: all but the compiled kernels, and what follows anyway."""
@@ -333,7 +334,8 @@ class ShapeMap:
         if reached < 1:
             return StaticsError(
                 f"{which}no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                "may bend too sharply, coil or buckle. Reduce the load or the activation.",
+                "may bend too sharply, coil, buckle or vanish under compression. Reduce the load or "
+                "the activation.",
                 reached,
             )
         return StaticsError(
@@ -420,9 +422,7 @@ def _check_arguments(
     points = np.asarray(at, dtype=float)
     if points.ndim != 1:
         raise InputError(f"at = {at!r}: expected a list of points Z in m.")
-    outside = points[~((points >= 0) & (points <= trunk.length))]
-    if outside.size:
-        raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {trunk.length:g} m.")
+    points_on(trunk, points)
 
 
 def _halved(paths: np.ndarray) -> np.ndarray:

@@ -206,7 +206,8 @@ def _raise_load(path, start, w, points, h, strain, segment, floor):
     while reached < 1.0:
         target = min(1.0, reached + ahead)
         _copy(path, trial)
-        if _newton(trial, target, w, points, h, strain, segment, floor):
+        found = _newton(trial, target, w, points, h, strain, segment, floor)
+        if found and _least_stretch(trial, target, w[11], points) > 0.0:
             _copy(trial, path)
             reached, ahead = target, 2 * ahead
         else:
@@ -214,6 +215,33 @@ def _raise_load(path, start, w, points, h, strain, segment, floor):
             if ahead < SMALLEST_LOAD_STEP:
                 break
     return reached
+
+
+@_compile
+def _least_stretch(path, fraction, mean, points):
+    """Least zeta / zeta_hat along a path, at the stages of its steps: what the loads leave.
+
+    Between the ends of a step its quaternions are taken as linear; zeta varies less than they do.
+    """
+    least = np.inf
+    for e in range(path.shape[0] - 1):
+        for s in range(STAGES):
+            t = NODES[s]
+            q0, q1 = _mix(path, e, 0, t), _mix(path, e, 1, t)
+            q2, q3 = _mix(path, e, 2, t), _mix(path, e, 3, t)
+            size = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
+            V1, V2, V3 = points[e, s, 5], points[e, s, 6], points[e, s, 7]
+            along = 2 * (q1 * q3 + q0 * q2) * V1 + 2 * (q2 * q3 - q0 * q1) * V2
+            along += (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) * V3
+            stretch = 1.0 + fraction * along * mean / (size * points[e, s, 1])
+            if not stretch >= least:  # NaN as well
+                least = stretch
+    return least
+
+
+@_compile
+def _mix(path, e, i, t):
+    return (1.0 - t) * path[e, i] + t * path[e + 1, i]
 
 
 @_compile
@@ -236,7 +264,8 @@ def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached
     for b in range(paths.shape[0]):
         w[11] = mean[b]
         reached[b] = 1.0
-        if not _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor):
+        found = _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor)
+        if not (found and _least_stretch(paths[b], 1.0, mean[b], points) > 0.0):
             reached[b] = _raise_load(paths[b], starts[b], w, points, h, strain[b], segment, floor)
 
 

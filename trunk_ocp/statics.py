@@ -1,8 +1,8 @@
 """The forward problem: the equilibrium shape of an activated, loaded trunk.
 
 Newton's method on the collocation equations of `collocation`, for one shape or many at
-once. Each element is condensed onto the state at its left edge; chained from base to tip
-that leaves the three components of m(0), fixed by m(L) = 0.
+once. Each element is condensed onto the state at its left edge; `block_gaps` solves for the
+states at all edges, with the pose at the base and m(L) = 0 at the tip.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ import numpy as np
 
 from .activation import mean_extension, segment_at, stiffness, strains
 from .anatomy import Trunk, check_activation
+from .block_gaps import close_gaps
 from .collocation import Mesh, gauss, mesh_for
 from .deferred_signals import deferred_interrupts
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
+from .refining import followed, resampled
 from .rod import STATES, point_parameters, rates
 from .rotations import directors
 from .unloaded import unloaded_states
@@ -29,7 +31,7 @@ MAX_ITERATIONS = 30
 TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its square
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
-SMALLEST_LOAD_STEP = 1e-4
+UNRESOLVED = 0.1  # defect of a shape that a given mesh has nothing to do with
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,12 +95,28 @@ class Shape:
         norms = np.sum(self.states[..., :4] ** 2, axis=-1)
         return np.asarray(np.abs(norms - 1).max(axis=(-1, -2)))
 
+    @property
+    def extension(self) -> np.ndarray:
+        """Loaded extension zeta, (..., elements, degree): dr/dZ . d_3 at the Gauss points."""
+        return _extension(self.states[..., 1:, :4], self.slopes)
+
     def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        Z = np.atleast_1d(np.asarray(Z, dtype=float))
-        outside = Z[~((Z >= 0) & (Z <= self.trunk.length))]
-        if outside.size:
-            raise InputError(f"Z = {outside[0]:g}: expected 0 <= Z <= L = {self.trunk.length:g} m.")
-        return self.mesh.locate(Z)
+        return self.mesh.locate(points_on(self.trunk, np.atleast_1d(np.asarray(Z, dtype=float))))
+
+
+def points_on(trunk: Trunk, Z: np.ndarray) -> np.ndarray:
+    """Points Z (n,) of a trunk in m; rounding errors beyond its ends are cut off.
+
+    Raises
+    ------
+    InputError
+        For a point that is not on the trunk, or no number.
+    """
+    Z = trunk.clipped(Z)
+    outside = Z[~((Z >= 0) & (Z <= trunk.length))]
+    if outside.size:
+        raise InputError(f"Z = {outside[0]:.12g}: expected 0 <= Z <= L = {trunk.length:.12g} m.")
+    return Z
 
 
 @deferred_interrupts()
@@ -125,7 +143,8 @@ def solve_statics(
     loads : Loads or one for each shape of the batch
         Default: weight alone.
     mesh : Mesh, optional
-        Default: `mesh_for(trunk, contact_from)`, refined until `Shape.defect` is below 1e-5.
+        Default: `mesh_for(trunk, contact_from)`, refined until `Shape.defect` is below 1e-5,
+        in the end only where the shape needs it.
     near : Shape, optional
         One for each of the batch, to start from; its mesh is used.
 
@@ -134,8 +153,8 @@ def solve_statics(
     InputError
         For wrong shapes, an activation that collapses a segment, or mixed contact regions.
     StaticsError
-        If no equilibrium is found, or none that the finest default mesh resolves; names the
-        load fraction reached.
+        If no equilibrium is found, or none that the finest default mesh resolves; if the loads
+        compress the trunk to nothing, zeta <= 0. Names the load fraction reached.
     """
     activation, head = check_controls(trunk, activation, head)
     every = [loads or Loads()] if isinstance(loads, Loads | None) else list(loads)
@@ -153,16 +172,15 @@ def solve_statics(
         check_mesh(mesh, trunk, every)
         return _solve_on(mesh, trunk, activation, head, every, near)
     for elements in MESHES:
-        shape = _solve_on(
-            mesh_for(trunk, every[0].contact_from, elements), trunk, activation, head, every
-        )
+        mesh = mesh_for(trunk, every[0].contact_from, elements)
+        problem = _Problem.of(mesh, trunk, activation, head, every)
+        states, errors = problem.solve(problem.unloaded())
+        shape = problem.shape(states, batch)
         if np.all(shape.defect <= DEFECT):
             return shape
-    raise StaticsError(
-        f"the shape bends too sharply for {MESHES[-1]} elements; reduce the load, or bring a "
-        "finer mesh.",
-        1.0,
-    )
+        if errors:
+            break
+    return _refined(problem, states, batch)
 
 
 def check_controls(
@@ -204,27 +222,43 @@ def _solve_on(
     near: Shape | None = None,
 ) -> Shape:
     """Shapes of checked arguments, activation (..., muscles) and head (..., 2), on a mesh."""
-    batch = activation.shape[:-1]
-    count = int(np.prod(batch))
-    problem = _Problem(
-        trunk,
-        mesh,
-        activation.reshape(count, -1),
-        head.reshape(count, 2),
-        loads * (count // len(loads)),
-    )
+    problem = _Problem.of(mesh, trunk, activation, head, loads)
     start = problem.unloaded()
     if near is not None:
         base = start[:, 0, 0, :4].copy()  # Newton leaves the base where the head has it
         start = near.states.reshape(start.shape).copy()
         start[:, 0, 0, :4] = base
-    states, converged = problem.newton(start)
-    for index in np.flatnonzero(~converged).tolist():
+    states, errors = problem.solve(start)
+    for index, error in errors.items():
+        raise problem.named(error, index)
+    shape = problem.shape(states, activation.shape[:-1])
+    if np.any(shape.defect > UNRESOLVED):
+        raise StaticsError(
+            f"the shape bends too sharply for the {mesh.elements} elements of its mesh; reduce the "
+            "load, or bring a finer mesh.",
+            1.0,
+        )
+    return shape
+
+
+def _refined(problem: _Problem, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
+    """Shapes on one mesh, finer where some rod needs it; from states (B, ...), NaN if not found."""
+    mesh, found = problem.mesh, {}
+    norms = np.sum(states[..., :4] ** 2, axis=-1)
+    for index in np.flatnonzero(~(np.abs(norms - 1).max(axis=(1, 2)) <= DEFECT)).tolist():
         try:
-            states[index] = problem.only(index).continuation()
+            found[index] = followed(problem.only(index), DEFECT)
         except StaticsError as error:
-            which = f"shape {index + 1} of {count}: " if count > 1 else ""
-            raise StaticsError(f"{which}{error}", error.load_fraction) from None
+            raise problem.named(error, index) from None
+    edges = np.unique(np.concatenate([mesh.edges, *(own.edges for own, _ in found.values())]))
+    finer = Mesh(tuple(edges.tolist()), mesh.degree)
+    start = resampled(states, mesh, finer)
+    for index, (own, its) in found.items():
+        start[index] = resampled(its, own, finer)[0]
+    problem = replace(problem, mesh=finer)
+    states, errors = problem.solve(start)
+    for index, lost in errors.items():
+        raise problem.named(lost, index)
     return problem.shape(states, batch)
 
 
@@ -282,6 +316,21 @@ class _Problem:
     head: np.ndarray
     loads: list[Loads]
 
+    @classmethod
+    def of(
+        cls, mesh: Mesh, trunk: Trunk, activation: np.ndarray, head: np.ndarray, loads: list[Loads]
+    ) -> _Problem:
+        """Rods with checked arguments (..., muscles) and (..., 2), their axes made one."""
+        count = int(np.prod(activation.shape[:-1]))
+        loads = loads * (count // len(loads))
+        return cls(trunk, mesh, activation.reshape(count, -1), head.reshape(count, 2), loads)
+
+    def named(self, error: StaticsError, index: int) -> StaticsError:
+        """An error that says which rod of the batch it is about."""
+        count = len(self.loads)
+        which = f"shape {index + 1} of {count}: " if count > 1 else ""
+        return StaticsError(f"{which}{error}", error.load_fraction)
+
     def only(self, index: int) -> _Problem:
         """The problem of one rod of the batch."""
         one = slice(index, index + 1)
@@ -315,6 +364,26 @@ class _Problem:
         for i, load in enumerate(self.loads):
             p[:, i] = known[load].reshape(11, E, d)
         return w, p
+
+    def solve(self, start: np.ndarray) -> tuple[np.ndarray, dict[int, StaticsError]]:
+        """States from guesses, or else by raising the load; NaN and an error where not found."""
+        states, converged = self.newton(start)
+        errors: dict[int, StaticsError] = {}
+        for index in np.flatnonzero(~converged | self.squeezed(states)).tolist():
+            try:
+                states[index] = self.only(index).continuation()
+            except StaticsError as error:
+                states[index], errors[index] = np.nan, error
+        return states, errors
+
+    def squeezed(self, states: np.ndarray) -> np.ndarray:
+        """Whether the loaded extension is not above zero somewhere, (B,)."""
+        w, p = self.inputs()
+        with np.errstate(all="ignore"):
+            (rate,) = _evaluate(rates(), states[..., 1:, :], w, p)
+            zeta = _extension(states[..., 1:, :4], rate[..., STATES:])
+            ends = np.einsum("ij,bkj->bki", gauss(self.mesh.degree).from_nodes(_ENDS), zeta)
+        return np.asarray(np.any(zeta <= 0, axis=(1, 2)) | np.any(ends <= 0, axis=(1, 2)))
 
     def newton(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Newton's method on all rods together: states and which of them converged (B,)."""
@@ -361,44 +430,24 @@ class _Problem:
 
     def _chain(self, states: np.ndarray, inner: np.ndarray) -> np.ndarray:
         """Assemble the step from each element's response to its left edge (columns 1:)."""
-        B, E = states.shape[:2]
         at_end = gauss(self.mesh.degree).value(1.0)
-        # Step at each left edge as offset + (7, 3) matrix times the unknown change of m(0).
-        left = np.zeros((B, E + 1, STATES, 4))
-        left[:, 0, 4:, 1:] = np.eye(3)
-        for k in range(E):
-            response = np.einsum("j,bjxc->bxc", at_end[1:], inner[:, k])
-            response[..., 1:] += at_end[0] * np.eye(STATES)
-            left[:, k + 1] = response[..., 1:] @ left[:, k]
-            left[:, k + 1, :, 0] += response[..., 0]
-            if k + 1 < E:  # close any gap between this element's end and the next one's start
-                end = np.einsum("j,bjx->bx", at_end, states[:, k])
-                left[:, k + 1, :, 0] += end - states[:, k + 1, 0]
-        tip = np.einsum("j,bjx->bx", at_end, states[:, -1])[:, 4:]
-        dm0 = _solve(left[:, -1, 4:, 1:], -(tip + left[:, -1, 4:, 0])[..., None])
+        response = np.einsum("j,bkjxc->bkxc", at_end[1:], inner)
+        response[..., 1:] += at_end[0] * np.eye(STATES)
+        ends = np.einsum("j,bkjx->bkx", at_end, states)
+        gaps = response[..., 0]
+        gaps[:, :-1] += ends[:, :-1] - states[:, 1:, 0]  # this element's end, the next one's start
+        gaps[:, -1, 4:] += ends[:, -1, 4:]  # m(L) vanishes after the step
+        unit = edge_units(self.trunk, self.mesh)
+        maps = response[..., 1:] * unit[:-1, None] / unit[1:, :, None]
+        edge = close_gaps(maps, (gaps / unit[1:])[..., None])[:, :-1, :, 0] * unit[:-1]
         step = np.empty_like(states)
-        edge = left[:, :-1, :, 0] + (left[:, :-1, :, 1:] @ dm0[:, None])[..., 0]
         step[:, :, 0] = edge
         step[:, :, 1:] = inner[..., 0] + np.einsum("bkjxc,bkc->bkjx", inner[..., 1:], edge)
         return step
 
     def continuation(self) -> np.ndarray:
         """States of the single rod of this problem, its load raised from zero in steps."""
-        load = self.loads[0]
-        states, reached, ahead = self.unloaded(), 0.0, 0.25
-        while reached < 1:
-            target = min(1.0, reached + ahead)
-            partial = replace(self, loads=[load.scaled(target)])
-            trial, converged = partial.newton(states)
-            if converged[0]:
-                states, reached, ahead = trial, target, 2 * ahead
-            elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP:
-                raise StaticsError(
-                    f"no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                    "may bend too sharply, coil or buckle. Reduce the load or the activation.",
-                    reached,
-                )
-        return states[0]
+        return followed(self)[1][0]
 
     def shape(self, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
         """Shape with the centerline integrated from the base."""
@@ -418,7 +467,22 @@ class _Problem:
         )
 
 
+def edge_units(trunk: Trunk, mesh: Mesh) -> np.ndarray:
+    """Units (elements + 1, 7) of states at the edges: 1 and E I(Z) / L, for pivots to compare."""
+    unit = np.ones((mesh.elements + 1, STATES))
+    unit[:, 4:] = stiffness(trunk, np.asarray(mesh.edges))[:, 1:2] / trunk.length
+    return unit
+
+
 _IS_Q = np.arange(STATES) < 4
+_ENDS = np.array([0.0, 1.0])
+
+
+def _extension(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Extension (...) of a rod with dr/dZ (..., 3) along d_3 of quaternions (..., 4)."""
+    d3 = np.stack(directors(tuple(np.moveaxis(q, -1, 0)))[2], axis=-1)
+    norm = np.sum(d3**2, axis=-1)  # not quite 1 between the edges of elements
+    return np.asarray(np.sum(slope * d3, axis=-1) / norm)
 
 
 def _solve(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def phase_targets(
         targets.append(_point(spec, place, trunk, step, f"{where}.targets[{n}]"))
     if phase.wrap is not None:
         for Z in phase.wrap.Z:
-            _check_on_trunk(Z, trunk, f"{where}.wrap.Z")
+            _on_trunk(Z, trunk, f"{where}.wrap.Z")
         place = _place(phase.wrap, phase.wrap.center, phase, i, origins)
         targets += _arc(phase.wrap, np.asarray(place), trunk, f"{where}.wrap")
     return tuple(targets)
@@ -98,17 +98,17 @@ def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, 
 def _point(
     spec: TargetSpec, position: Vector | None, trunk: Trunk, step: int, where: str
 ) -> Target:
-    _check_on_trunk(spec.Z, trunk, f"{where}.Z")
+    Z = _on_trunk(spec.Z, trunk, f"{where}.Z")
     directions: list[Direction | None] = []
     for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(wanted, HeldSpec):
             check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(Held(wanted.held_from_step - 1, spec.Z, j))
+            directions.append(Held(wanted.held_from_step - 1, Z, j))
         else:
             directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
     return Target(
-        spec.Z,
+        Z,
         position,
         spec.position_weight,
         (directions[0], directions[1], directions[2]),
@@ -118,7 +118,8 @@ def _point(
 
 def _arc(spec: WrapSpec, center: np.ndarray, trunk: Trunk, where: str) -> list[Target]:
     """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
-    Z = np.linspace(*spec.Z, spec.points)
+    first, last = trunk.clipped(spec.Z).tolist()
+    Z = np.linspace(first, last, spec.points)
     theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
     theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
     distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
@@ -155,14 +156,17 @@ def _unit(v: np.ndarray) -> np.ndarray:
     return v / np.linalg.norm(v)
 
 
-def _check_on_trunk(Z: float, trunk: Trunk, where: str) -> None:
+def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
+    """Z itself, without what rounding adds beyond the ends; InputError for other points."""
+    Z = float(trunk.clipped(Z))
     if not 0 <= Z <= trunk.length:
         units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
         names, values = " or ".join(u for u, _ in units), " or ".join(f"{v:g}" for _, v in units)
         hint = f" Is it in {names}? Write {values}." if units and Z > 5 * trunk.length else ""
         raise InputError(
-            f"{where} = {Z:g}: expected a point of the trunk, 0 to {trunk.length:g} m.{hint}"
+            f"{where} = {Z:.12g}: expected a point of the trunk, 0 to {trunk.length:.12g} m.{hint}"
         )
+    return Z
 
 
 def check_earlier(number: int, step: int, where: str) -> None:

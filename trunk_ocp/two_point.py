@@ -1,10 +1,11 @@
 """Independent equilibria: a planned shape is checked as the two-point problem that it solves.
 
-From the base, a rod with a stiff thin tip cannot be integrated: what is off in m(0) grows by
-exp(int |N|^(1/2) (E I)^(-1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod is
-cut into intervals, over which little grows, all of them are integrated side by side, and Newton's
-method closes the gaps between them with pose at the base and m(L) = 0 at the tip (multiple
-shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it starts.
+A rod with a thin loaded tip cannot be integrated from the base: what is off in m(0) grows by
+exp(int (|N| / E I)^(1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod
+is cut into intervals over which little grows, all of them are integrated side by side, and
+Newton's method closes the gaps between them, with the pose at the base and m(L) = 0 at the tip
+(multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it
+starts.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from .statics import Shape
 TURN = 2.0
 """Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
 MOST_INTERVALS = 400
+LARGEST_TURN = 10.0  # of an interval; beyond, differences and steps tell nothing
+MOST_SLOPES = 1_000  # of an interval; it takes 40 to 60
 SAMPLES = 100  # points at which the growth is looked at
 TOGETHER = 32  # rods
 ITERATIONS = 8
@@ -68,7 +71,8 @@ def _solve_some(
     """Fill in the path of some rods; those that fail together are tried by halves."""
     of_some = [loads[t] for t in some]
     part = Shape(trunk, shape.mesh, shape.states[some], shape.edges[some], shape.slopes[some])
-    found = _TwoPoint.of(trunk, x[some], of_some, part).solve(path.Z)
+    problem = _TwoPoint.of(trunk, x[some], of_some, part)
+    found = problem.solve(path.Z) if problem is not None else None
     if found is not None:
         path.position[some], path.directors[some], path.moment[some] = found
     elif some.size > 1:
@@ -101,9 +105,14 @@ class _TwoPoint:
     m: np.ndarray
 
     @classmethod
-    def of(cls, trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> _TwoPoint:
-        """Rods with the states of a shape at their nodes."""
-        nodes, units = _nodes(trunk, x[:, :-2], loads, shape)
+    def of(
+        cls, trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape
+    ) -> _TwoPoint | None:
+        """Rods with the states of a shape at their nodes; None if they bend beyond measure."""
+        found = _nodes(trunk, x[:, :-2], loads, shape)
+        if found is None:
+            return None
+        nodes, units = found
         K = nodes.size - 1
         middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
         every = [load for load in loads for _ in range(K)]
@@ -158,7 +167,7 @@ class _TwoPoint:
             return (scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)).ravel()
 
         start = np.moveaxis(y.reshape(len(y), h.size, 15), 2, 0)
-        path = dop853(slope, (0.0, 1.0), start.ravel(), taus, tolerance)
+        path = dop853(slope, (0.0, 1.0), start.ravel(), taus, tolerance, MOST_SLOPES)
         return None if path is None else np.moveaxis(path.reshape(-1, 15, *y.shape[:-1]), 1, -1)
 
     def _nudged(self) -> np.ndarray | None:
@@ -206,10 +215,11 @@ class _TwoPoint:
 
 def _nodes(
     trunk: Trunk, activation: np.ndarray, loads: Sequence[Loads], shape: Shape
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m.
 
-    What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
+    None if too much grows. What grows: turns, by curvature; bending, by the force that pulls or
+    pushes; 1 / f(Z).
     """
     jumps = jumps_of(trunk, loads)
     k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
@@ -225,6 +235,8 @@ def _nodes(
     rate = rate.max(axis=0) + trunk.taper_rate / trunk.taper(Z) + 1 / trunk.length
     growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
     each = max(TURN, growth[-1] / MOST_INTERVALS)
+    if not each < LARGEST_TURN:
+        return None
     nodes = [0.0]
     for start, end in pairwise(np.searchsorted(Z, jumps).tolist()):
         count = max(1, math.ceil((growth[end] - growth[start]) / each))

@@ -25,7 +25,9 @@ from .two_point import equilibria
 LARGEST_DIFFERENCE = 1e-4 / 1.75  # of L, between planned and independent centerline
 LARGEST_TURN = 3e-4  # of a director, ten times that of the shipped motions
 LARGEST_FORCE_DIFFERENCE = 1e-3  # of the largest force that pulls, between planned and held pull
-LARGEST_END_MOMENT = 1e-3  # of the largest moment along the trunk
+LARGEST_MOMENT_DIFFERENCE = 1e-3  # of the largest moment along the trunk; at the free tip as well
+PLAUSIBLE_STRETCH = (0.5, 2.0)
+"""Of zeta / zeta_hat; at either end the linear law (15) is off by a factor of two from rubber's."""
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
 
@@ -43,6 +45,8 @@ class Verification:
         Largest distance between planned and integrated directors, no unit.
     stretch : (H, 2)
         Least and largest zeta / zeta_hat along the trunk: what the loads make of its length.
+    moment_difference : (H,)
+        Largest distance between planned and integrated moments, as a fraction of the largest.
     end_moment : (H,)
         Moment left at the free tip, as a fraction of the largest along the trunk.
     tip_force : (H,)
@@ -58,6 +62,7 @@ class Verification:
     position_difference: np.ndarray
     turn: np.ndarray
     stretch: np.ndarray
+    moment_difference: np.ndarray
     end_moment: np.ndarray
     tip_force: np.ndarray
     bounds: np.ndarray
@@ -76,14 +81,36 @@ class Verification:
         return LARGEST_DIFFERENCE * self.length
 
     @property
+    def doubts(self) -> list[str]:
+        """What holds but hardly means anything, a sentence each."""
+        if not len(self.stretch):
+            return []
+        low, high = PLAUSIBLE_STRETCH
+        squeezed, drawn = int(np.argmin(self.stretch[:, 0])), int(np.argmax(self.stretch[:, 1]))
+        told = []
+        for t, value, word, beyond in (
+            (squeezed, self.stretch[squeezed, 0], "compress", self.stretch[squeezed, 0] < low),
+            (drawn, self.stretch[drawn, 1], "stretch", self.stretch[drawn, 1] > high),
+        ):
+            if beyond:
+                told.append(
+                    f"step {t + 1}: the loads {word} part of the trunk to {value:.3g} of its "
+                    f"length; outside {low:g} to {high:g} the linear elasticity of the model means "
+                    "little. Check loads, youngs_modulus and radii"
+                )
+        return told
+
+    @property
     def faults(self) -> list[str]:
         """What does not hold, a sentence each; empty if all does."""
         checks = (
             ("planned and integrated centerline differ by", self.position_difference, "m",
              self.largest_difference),
             ("planned and integrated directors differ by", self.turn, "", LARGEST_TURN),
+            ("planned and integrated moments differ by", self.moment_difference, "of the largest",
+             LARGEST_MOMENT_DIFFERENCE),
             ("the moment at the free tip is", self.end_moment, "of the largest",
-             LARGEST_END_MOMENT),
+             LARGEST_MOMENT_DIFFERENCE),
             ("the tip force is off by", self.tip_force, "of its size",
              LARGEST_FORCE_DIFFERENCE),
             ("a bound on activation or head is exceeded by", self.bounds, "", SLACK),
@@ -111,6 +138,7 @@ def _nan_high(values: np.ndarray) -> np.ndarray:
 
 @deferred_interrupts()
 @one_thread()
+@np.errstate(all="ignore")  # what overflows ends as a fault
 def verify(
     motion: Motion,
     x: np.ndarray,
@@ -146,6 +174,7 @@ def verify(
         np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
         np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2)),
         _stretch(motion.trunk, x, loads, path),
+        np.linalg.norm(path.moment - shape.moment(Z), axis=2).max(axis=1) / largest,
         np.linalg.norm(end_moment, axis=1) / largest,
         _force_difference(motion, loads, path),
         bounds,
@@ -166,7 +195,7 @@ def _independent(
     lost = np.flatnonzero(~np.isfinite(path.moment).all(axis=(1, 2)))
     if lost.size:
         moment = shape.moment(np.array([0.0]))[lost, 0]
-        marched = integrate(trunk, x[lost], [loads[t] for t in lost], moment, Z)
+        marched = integrate(trunk, x[lost], [loads[t] for t in lost.tolist()], moment, Z)
         path.position[lost], path.directors[lost] = marched.position, marched.directors
         path.moment[lost], end_moment[lost] = marched.moment, marched.moment[:, -1]
     return path, end_moment

@@ -222,12 +222,12 @@ def build_model(
     InputError
         For points that are not on the trunk, or too many of them; for too few or many elements.
     """
-    Z = tuple(sorted({float(point) for point in at})) or (trunk.length,)
+    Z = tuple(sorted({float(trunk.clipped(point)) for point in at})) or (trunk.length,)
     for point in Z:
         if not 0 <= point <= trunk.length:
             raise InputError(
-                f"--at {point:g}: expected points Z in m on the trunk, from 0 (base) to "
-                f"{trunk.length:g} (tip)."
+                f"--at {point:.12g}: expected points Z in m on the trunk, from 0 (base) to "
+                f"{trunk.length:.12g} (tip)."
             )
     if len(Z) > MOST_POINTS:
         raise InputError(
