@@ -334,7 +334,7 @@ class ShapeMap:
         if reached < 1:
             return StaticsError(
                 f"{which}no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                "may bend too sharply, coil, buckle or vanish under compression. Reduce the load or "
+                "may bend too sharply, coil, buckle or be squeezed to nothing. Reduce the load or "
                 "the activation.",
                 reached,
             )

@@ -1,4 +1,4 @@
-"""Random extreme trunks under random loads: is what is called an equilibrium one?
+"""Random extreme trunks under random loads: whether what is called an equilibrium is one.
 
     python -m trust.equilibria --shapes 500 --plans 100 --seed 1 --json FILE
 
@@ -18,6 +18,7 @@ import time
 import warnings
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -211,8 +212,7 @@ def anatomy(rng: np.random.Generator) -> dict[str, Any]:
             "density": float(rng.choice([0.0, rng.uniform(500, 2000)])),
         },
         "segments": [
-            {"Z_over_length": [float(a), float(b)], "muscles": muscles}
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
+            {"Z_over_length": [float(a), float(b)], "muscles": muscles} for a, b in pairwise(edges)
         ],
     }
 
