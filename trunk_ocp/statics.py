@@ -32,7 +32,7 @@ MAX_ITERATIONS = 30
 TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its square
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
-MOST_GROWTH = (
+MOST_GROWTH = 1e4  # of rounding errors from base to tip; some 200 on the elephant's trunk
     1e4  # of rounding errors from base to tip, which leaves 12 digits; some 200 on the elephant's
 )
 UNRESOLVED = 0.1  # defect of a shape that a given mesh has nothing to do with
@@ -470,7 +470,7 @@ class _Problem:
         return edge, growth
 
     def _closed(self, states: np.ndarray, inner: np.ndarray) -> np.ndarray:
-        """Steps (B, E, 7) at the left edges, all equations at once: slower, and as good anywhere."""
+        """Steps (B, E, 7) at the left edges, all equations at once: slower, good anywhere."""
         at_end = gauss(self.mesh.degree).value(1.0)
         response = np.einsum("j,bkjxc->bkxc", at_end[1:], inner)
         response[..., 1:] += at_end[0] * np.eye(STATES)
