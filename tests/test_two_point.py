@@ -1,0 +1,290 @@
+"""The independent check as a two-point problem: right plans pass, wrong ones do not."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plans import soft_rod, written
+from test_statics import dorsal, thin_tipped
+
+from trunk_ocp.anatomy import AnatomySpec
+from trunk_ocp.block_gaps import close_gaps
+from trunk_ocp.collocation import mesh_for
+from trunk_ocp.diagnosis import explain
+from trunk_ocp.errors import StaticsError
+from trunk_ocp.loads import Loads
+from trunk_ocp.motion import build_motion, load_motion
+from trunk_ocp.planner import plan_motion
+from trunk_ocp.problem_file import ProblemSpec
+from trunk_ocp.shape_map import ShapeMap
+from trunk_ocp.solution import Plan, Status
+from trunk_ocp.statics import shape_of_states, solve_statics
+from trunk_ocp.transcription import Weights
+from trunk_ocp.two_point import equilibria
+from trunk_ocp.verification import verify
+from trust.equilibria import Judge, judge_plans, judge_shapes
+
+LOAD = Loads(tip_force=(0.0, 0.0, 0.049))
+GAMMA = np.array([[-0.1, -0.03]])
+
+
+def held(trunk_spec, loads, Z, position):
+    """A motion of one step that asks for one point."""
+    spec = {
+        "name": "hold",
+        "anatomy": "arm.toml",
+        "gravity": loads.gravity,
+        "bounds": {"activation": (-1.0, 0.0), "extension": (0.3, 2.0)},
+        "phases": (
+            {
+                "name": "hold",
+                "duration": 1.0,
+                "loads": {"tip_force": loads.tip_force},
+                "targets": ({"Z": Z, "position": tuple(position)},),
+            },
+        ),
+    }
+    return build_motion(ProblemSpec.model_validate(spec), trunk_spec)
+
+
+def arm_spec(taper=0.038, modulus=1e5, density=1050.0, length=0.5):
+    return AnatomySpec.model_validate(
+        {
+            "name": "arm",
+            "length": length,
+            "base_radius_over_length": 0.04,
+            "taper_deg": math.degrees(math.atan(taper)),
+            "material": {"youngs_modulus": modulus, "poisson_ratio": 0.5, "density": density},
+            "segments": ({"Z_over_length": (0.0, 1.0), "muscles": (dorsal(),)},),
+        }
+    )
+
+
+def plan_of(spec, loads, elements, activation=GAMMA):
+    """A plan that says that a shape of statics on some mesh is what is asked for."""
+    from trunk_ocp.anatomy import build_trunk
+
+    trunk = build_trunk(spec)
+    x = np.hstack([activation, np.zeros((1, 2))])
+    shape = solve_statics(trunk, activation, loads=[loads], mesh=mesh_for(trunk, None, elements))
+    tip = shape.position([trunk.length])[0, 0]
+    motion = held(spec, loads, trunk.length, tip.tolist())
+    force = np.array([loads.tip_force])
+    return Plan(motion, x, force, shape, "horizon", 1, Weights())
+
+
+def spoilt(plan, **parts):
+    """The same plan with other states, and the centerline that follows from them."""
+    shape = shape_of_states(plan.motion.trunk, plan.mesh, plan.x, plan.loads, parts["states"])
+    return replace(plan, shape=shape)
+
+
+def test_a_right_plan_of_a_thin_tipped_arm_is_solved():
+    plan = plan_of(arm_spec(), LOAD, 24)
+    assert plan.verification.faults == []
+    assert plan.status is Status.SOLVED
+    judge = Judge(plan.motion.trunk, GAMMA[0], np.zeros(2), LOAD)
+    assert judge.error(plan.shape[0]) < 1e-7
+    # What the check holds against it is the equilibrium itself, though the plan is off by more.
+    coarse = plan_of(arm_spec(), LOAD, 6)
+    Z, line, _ = judge.solve(coarse.shape[0])
+    path = equilibria(plan.motion.trunk, coarse.x, coarse.loads, coarse.shape, Z[::50])
+    assert np.linalg.norm(path.position[0] - line[::50], axis=1).max() < 1e-8
+    assert np.linalg.norm(coarse.shape.position(Z)[0] - line, axis=1).max() > 1e-7
+
+
+@pytest.mark.parametrize("what", ["moments", "turned", "other load", "other activation"])
+def test_a_wrong_plan_of_a_thin_tipped_arm_is_not(what):
+    plan = plan_of(arm_spec(), LOAD, 24)
+    states = plan.shape.states.copy()
+    if what == "moments":
+        states[..., 4:] *= 1.01
+    if what == "turned":
+        states[0, 20:, :, :4] @= np.eye(4) + 0.01 * np.eye(4, k=1) - 0.01 * np.eye(4, k=-1)
+    wrong = spoilt(plan, states=states)
+    if what == "other load":
+        wrong = replace(plan, tip_forces=1.05 * plan.tip_forces)
+    if what == "other activation":
+        wrong = replace(plan, x=plan.x - [[0.002, 0.0, 0.0, 0.0]])
+    assert wrong.status is Status.UNVERIFIED
+    assert any("differ by" in fault for fault in wrong.verification.faults)
+
+
+def test_where_there_is_no_equilibrium_nearby_the_plan_is_not_verified():
+    plan = plan_of(arm_spec(), LOAD, 12)
+    rng = np.random.default_rng(1)
+    states = plan.shape.states + rng.normal(size=plan.shape.states.shape)
+    assert spoilt(plan, states=states).status is Status.UNVERIFIED
+    states[0, 3] = np.nan
+    undone = spoilt(plan, states=states)
+    assert undone.status is Status.UNVERIFIED
+    assert any("differ by inf" in fault for fault in undone.verification.faults)
+
+
+def test_the_limits_go_with_the_size_of_the_trunk():
+    """The same arm at three sizes: what is off by a share of L is off at each."""
+    for length, E in ((0.005, 1e5), (0.5, 1e5), (50.0, 1e5)):
+        bends = E * (length / 0.5) ** 2
+        loads = Loads(0.0, (0.0, 0.0, 0.049 * bends / 1e5))
+        plan = plan_of(arm_spec(0.02, E, 0.0, length), loads, 12)
+        assert plan.status is Status.SOLVED
+        for share, fine in ((2e-5, True), (2e-4, False)):
+            edges = plan.shape.edges + np.array([share * length, 0, 0])
+            moved = replace(plan, shape=replace(plan.shape, edges=edges))
+            assert moved.verified == fine
+
+
+def test_directors_inside_elements_are_held_against_the_independent_ones():
+    """A mesh whose centerline passes may still be too coarse for directors at taper 0.9."""
+    plan = plan_of(arm_spec(0.036), Loads(0.0), 3, GAMMA)
+    for elements in (3, 4, 6, 12, 24):
+        plan = plan_of(arm_spec(0.036), LOAD, elements)
+        if not plan.verification.too_coarse:
+            break
+    judge = Judge(plan.motion.trunk, GAMMA[0], np.zeros(2), LOAD)
+    assert judge.error(plan.shape[0]) < 1e-4
+    fine = plan_of(arm_spec(0.036), LOAD, 48).shape
+    Z = np.linspace(0, 0.5, 400)
+    off = np.linalg.norm(plan.shape.directors(Z) - fine.directors(Z), axis=-1).max()
+    assert off < 5e-4
+
+
+def test_a_compressed_plan_is_a_fault_and_a_strained_one_a_doubt():
+    spec = arm_spec(0.0, 1e5, 0.0, 0.1)
+    area = math.pi * (0.04 * 0.1) ** 2 * 1e5
+    passive = np.zeros((1, 2))
+    strained = plan_of(spec, Loads(0.0, (0.0, 0.0, 1.5 * area)), 6, passive)
+    assert strained.verified
+    (doubt,) = strained.verification.doubts
+    assert "stretch part of the trunk to 2.5 of its length" in doubt
+    assert any("strain the trunk" in finding.what for finding in explain(strained).findings)
+    easy = plan_of(spec, Loads(0.0, (0.0, 0.0, 0.5 * area)), 6, passive)
+    assert easy.verification.doubts == []
+    # Straight all along, the thrust of 1.6 E A would leave -0.6 of its length.
+    crushed = replace(easy, tip_forces=np.array([[0.0, 0.0, -1.6 * area]]))
+    crushed = spoilt(crushed, states=easy.shape.states)
+    assert crushed.status is Status.UNVERIFIED
+    assert "compress the trunk to -0.6 of its length" in crushed.verification.faults[0]
+    assert any("Ease the loads" in finding.advice for finding in explain(crushed).findings)
+
+
+def test_the_compiled_map_refuses_a_compressed_shape():
+    trunk = replace(thin_tipped(0.1), tan_taper=0.0, density=0.0)
+    area = math.pi * trunk.base_radius**2 * trunk.youngs_modulus
+    passive, down = np.zeros(2), trunk.head
+    assert down is not None
+    trunk = replace(trunk, head=replace(trunk.head, xi_d=0.0))
+    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
+        ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -1.6 * area)))(passive)
+    assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
+    lost = ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -1.6 * area)), strict=False)(passive)
+    assert not lost.found
+    half = ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -0.5 * area)))(passive)
+    np.testing.assert_allclose(half.position[-1], (0, 0, 0.05), atol=1e-9)
+
+
+@pytest.mark.parametrize("Z", [0.1 * (1 + 2e-16), np.nextafter(0.1, 1), -1e-17])
+def test_the_compiled_map_takes_a_point_one_rounding_error_beyond_an_end(Z):
+    shapes = ShapeMap(thin_tipped(0.1), Loads(0.0), at=[Z])
+    np.testing.assert_array_equal(shapes.Z, ShapeMap(thin_tipped(0.1), Loads(0.0)).Z)
+
+
+CONE = """
+name = "touch"
+anatomy = "cone.toml"
+[bounds]
+activation = [-2.0, 0.0]
+extension = [0.7, 1.3]
+[[phases]]
+name = "one"
+duration = 0.8
+[[phases.targets]]
+Z = 1.0
+position = [0.1, 0.05, 0.9]
+"""
+
+
+def test_a_trunk_that_ends_almost_in_a_point_is_planned(tmp_path):
+    muscles = """
+muscles = [
+  { group = "d", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0, 1] },
+  { group = "v", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [2, 3] },
+]
+"""
+    text = soft_rod("cone").replace("[0, 1]", "[0.0, 1.0]") + muscles.replace(
+        "[0, 1]", "[0.0, 1.0]"
+    ).replace("[2, 3]", "[2.0, 3.0]")
+    taper = math.degrees(math.atan(0.05 * (1 - 3e-5)))
+    text = text.replace('radius_over_length', 'radius_over_length', 1)
+    text = text.replace("\n[material]", f"taper_deg = {taper!r}\n\n[material]", 1)
+    written(tmp_path, text, "cone.toml")
+    plan = plan_motion(load_motion(written(tmp_path, CONE)), 1, throw=False)
+    assert plan.status is Status.SOLVED
+    assert math.isfinite(plan.objective.paper)
+
+
+# --- gaps -------------------------------------------------------------------------------
+
+
+def test_gaps_are_closed_as_by_all_equations_at_once():
+    rng = np.random.default_rng(2)
+    maps, gaps = rng.normal(size=(2, 3, 7, 7)), rng.normal(size=(2, 3, 7, 2))
+    steps = close_gaps(maps, gaps)
+    assert np.all(steps[:, 0, :4] == 0)  # the pose of the base
+    assert np.all(steps[:, -1, 4:] == 0)  # the moment at the tip
+    np.testing.assert_allclose(steps[:, 1:] - maps @ steps[:, :-1], gaps, atol=1e-10)
+
+
+def test_a_rod_without_a_solution_is_no_fault_of_its_neighbors():
+    rng = np.random.default_rng(3)
+    maps, gaps = rng.normal(size=(4, 5, 6, 6)), rng.normal(size=(4, 5, 6, 1))
+    alone = close_gaps(maps[3:], gaps[3:])
+    maps[0, 2] = np.nan
+    maps[1] = 0.0  # m(0) makes no difference
+    gaps[2, 1] = np.inf
+    steps = close_gaps(maps, gaps)
+    assert np.isnan(steps[[0, 2]]).all()
+    assert not np.isfinite(steps[1]).all()
+    np.testing.assert_allclose(steps[3], alone[0], atol=1e-12)
+
+
+def test_gaps_are_closed_where_marching_would_lose_every_digit():
+    """y'' = 400 y over 60 units of 1 / 20: exp(60) is 1e26, the solution decays like exp(-x)."""
+    K, h = 60, 1.0
+    small = np.array([[np.cosh(h), np.sinh(h)], [np.sinh(h), np.cosh(h)]])
+    maps = np.kron(small, np.eye(3))[None, None] * np.ones((1, K, 1, 1))
+    gaps = np.zeros((1, K, 6, 1))
+    gaps[0, 0, :3] = 1.0
+    steps = close_gaps(maps, gaps)[0, :, :, 0]
+    assert np.abs(steps).max() < 2
+    np.testing.assert_allclose(steps[1:] - steps[:-1] @ maps[0, 0].T, gaps[0, :, :, 0], atol=1e-12)
+
+
+# --- what is tried in full by trust.equilibria ---------------------------------------------
+
+
+def test_random_extreme_shapes_are_equilibria():
+    tally = judge_shapes(6, seed=5)
+    assert tally.faults == []
+    assert tally.judged >= 3
+    assert tally.undecided <= 1
+
+
+def test_random_extreme_plans_are_what_they_say():
+    tally = judge_plans(2, seed=5)
+    assert tally.faults == []
+    assert tally.judged >= 1
+
+
+def test_the_judge_sees_a_shape_that_is_no_equilibrium():
+    arm = thin_tipped()
+    judge = Judge(arm, GAMMA[0], np.zeros(2), replace(LOAD, tip_force=(0.0, 0.0, 0.055)))
+    shape = solve_statics(arm, GAMMA[0], loads=LOAD)
+    assert judge.error(shape) > 1e-4
+
+
+def test_verify_takes_no_steps_and_many():
+    plan = plan_of(arm_spec(), LOAD, 12)
+    none = verify(plan.motion, plan.x[:0], (), plan.part(0, 0), {})
+    assert none.faults == none.doubts == []
