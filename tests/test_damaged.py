@@ -194,3 +194,32 @@ def test_arrays_that_share_their_numbers_are_refused():
     content += b"\0" * (1024 - len(content)) + numbers
     with pytest.raises(InputError, match="share their numbers"):
         read_netcdf(content)
+
+
+def test_a_users_file_of_the_same_name_is_not_taken_for_an_unfinished_run(tmp_path):
+    np.savez(tmp_path / "resume.npz", mine=np.arange(3))
+    before = (tmp_path / "resume.npz").read_bytes()
+    checkpoint = Checkpoint(tmp_path / "resume.npz")
+    with pytest.raises(InputError, match="is not a file of an unfinished run"):
+        plan_motion(damaged.originals().motion, 1, checkpoint=checkpoint)
+    assert (tmp_path / "resume.npz").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "left", [lambda: b"", lambda: bytes(4096), lambda: damaged.originals().resume[:500]]
+)
+def test_what_a_power_cut_left_of_an_unfinished_run_is_replaced(tmp_path, left):
+    (tmp_path / "resume.npz").write_bytes(left())
+    checkpoint = Checkpoint(tmp_path / "resume.npz")
+    plan_motion(damaged.originals().motion, 1, checkpoint=checkpoint)
+    checkpoint.remove()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_records_too_long_to_be_read_are_saved_without_their_histories(tmp_path, monkeypatch):
+    plan = damaged.originals().plan
+    monkeypatch.setattr("trunk_ocp.records.MOST_NESTED", 30)
+    save_plan(plan, tmp_path)
+    again = load_plan(tmp_path)
+    assert [s.message for s in again.solves] == [s.message for s in plan.solves]
+    assert all(len(solve.history) == 1 for solve in again.solves)

@@ -216,7 +216,7 @@ muscles = [
         "[0, 1]", "[0.0, 1.0]"
     ).replace("[2, 3]", "[2.0, 3.0]")
     taper = math.degrees(math.atan(0.05 * (1 - 3e-5)))
-    text = text.replace('radius_over_length', 'radius_over_length', 1)
+    text = text.replace("radius_over_length", "radius_over_length", 1)
     text = text.replace("\n[material]", f"taper_deg = {taper!r}\n\n[material]", 1)
     written(tmp_path, text, "cone.toml")
     plan = plan_motion(load_motion(written(tmp_path, CONE)), 1, throw=False)

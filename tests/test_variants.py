@@ -8,11 +8,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from plans import MOTIONS, POINT, TOUCH, shipped, written
 
+from trunk_ocp.built import as_built
 from trunk_ocp.errors import InputError
 from trunk_ocp.foresight import equal_bounds
 from trunk_ocp.loads import Loads
 from trunk_ocp.mirror import mirrored_motion
-from trunk_ocp.motion import as_built, build_motion, load_motion
+from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.redundancy.needed import motion_without
 from trunk_ocp.solution import Status

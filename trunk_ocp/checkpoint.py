@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -154,9 +155,31 @@ class Checkpoint:
             self._failed = True
 
     def remove(self) -> None:
-        """Remove the file: the plan is saved."""
-        for path in (self._newer, self.path):
+        """Remove the file: the plan is saved.
+
+        Raises
+        ------
+        InputError
+            If what has its name is something else.
+        """
+        there = [path for path in (self._newer, self.path) if os.path.lexists(path)]
+        for path in there:
+            if not _is_ours(path):
+                raise InputError(
+                    f"{path}: is not a file of an unfinished run, which would be replaced; move it "
+                    "away, or name another folder with --out."
+                )
+        for path in there:
             path.unlink(missing_ok=True)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file begins as one of ours, or has nothing in it, as a power cut may leave it."""
+    if path.is_symlink() or not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        head = stream.read(100)
+    return not head.strip(b"\0") or (head.startswith(b"PK\3\4") and b"identity.npy" in head)
 
 
 def _identity(

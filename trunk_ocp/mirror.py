@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from .anatomy import Trunk
+from .built import as_built
 from .errors import InputError
 from .loads import Loads, Vector, vector
-from .motion import Box, Motion, Step, as_built, build_motion
+from .motion import Box, Motion, Step, build_motion
 from .targets import Direction, Held, Target
 from .variants import mirrored_spec
 

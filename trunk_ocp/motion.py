@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from dataclasses import dataclass, fields, is_dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from .anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
-from .errors import InputError, StaticsError
+from .errors import InputError
 from .loads import Loads, Vector, vector
 from .problem_file import (
     ChangeSpec,
@@ -21,9 +21,8 @@ from .problem_file import (
     ProblemSpec,
 )
 from .reading import is_file, read_toml, shipped
-from .statics import solve_statics
 from .suspicions import suspicions
-from .targets import Held, Target, check_earlier, phase_targets
+from .targets import Held, Target, all_targets, check_earlier
 from .variants import limited_spec, shifted_spec
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
@@ -305,61 +304,6 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         phases.append(Phase(phase.name, start, phase.interpolation))
     _one_contact(steps)
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
-
-
-def as_built(motion: Motion) -> bool:
-    """Whether a motion is what its spec and anatomy build, and not changed by hand since."""
-    try:
-        built = build_motion(motion.spec, motion.anatomy)
-    except InputError:
-        return False
-    names = ("trunk", "phases", "steps", "extension", "box")
-    return all(_same(getattr(motion, name), getattr(built, name)) for name in names)
-
-
-def _same(a: object, b: object) -> bool:
-    """Equality of dataclasses and tuples with arrays in them."""
-    if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and np.array_equal(a, b)
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return len(a) == len(b) and all(map(_same, a, b))
-    if is_dataclass(a) and type(a) is type(b):
-        return all(_same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
-    return a == b
-
-
-def all_targets(spec: ProblemSpec, trunk: Trunk) -> list[tuple[Target, ...]]:
-    """Targets of every time step, with numbers in place of paths and arcs.
-
-    Raises
-    ------
-    InputError
-        For points off the trunk, or directions held from a step that is not earlier.
-    """
-    origins = {"base": np.zeros(3), "passive-tip": np.zeros(3)}
-    parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
-    if any(part.origin == "passive-tip" for part in parts):
-        origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
-    found: list[tuple[Target, ...]] = []
-    for number, phase in enumerate(spec.phases, 1):
-        for i in range(1, phase.steps + 1):
-            where = f"phases[{number}]"
-            found.append(phase_targets(phase, i, trunk, origins, len(found), where))
-    return found
-
-
-@lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
-def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
-    """Where the tip of the trunk at rest is under its own weight, m."""
-    try:
-        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
-        return vector(rest.position(np.array([trunk.length]))[0])
-    except StaticsError as error:
-        raise InputError(
-            'origin = "passive-tip": the passive trunk does not hold its own weight '
-            f"({error}) Expected a youngs_modulus in Pa, a density in kg/m^3 and a gravity in "
-            'm/s^2 that fit together; or measure from origin = "base".'
-        ) from None
 
 
 def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:

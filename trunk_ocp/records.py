@@ -21,7 +21,7 @@ from .solver import Solve
 from .violations import Violation
 
 MOST_TEXT = 32_000_000
-MOST_NESTED, MOST_ENTRIES = 400_000, 2_000_000
+MOST_NESTED, MOST_ENTRIES = 800_000, 3_000_000
 """Characters, brackets and commas of a JSON text; a solve has a bracket for each iteration."""
 SLACK = 1e-6
 """By which an auxiliary solution may exceed a bound, as in `verification`."""
@@ -35,13 +35,18 @@ def json_of(text: str) -> Any:
     InputError
         If it is too long or nested too deeply, or no JSON.
     """
-    nested = text.count("[") + text.count("{")
-    if len(text) > MOST_TEXT or nested > MOST_NESTED or text.count(",") > MOST_ENTRIES:
+    if not fits(text):
         raise InputError("its text is too large; expected the records of one plan")
     try:
         return _cleaned(json.loads(text))
     except RecursionError:
         raise InputError("its text is nested too deeply; expected a few levels") from None
+
+
+def fits(text: str) -> bool:
+    """Whether a JSON text is of a size that is read."""
+    nested = text.count("[") + text.count("{")
+    return len(text) <= MOST_TEXT and nested <= MOST_NESTED and text.count(",") <= MOST_ENTRIES
 
 
 def _cleaned(value: Any) -> Any:

@@ -20,7 +20,7 @@ from .errors import InputError
 from .files import write
 from .motion import Motion, problems_folder
 from .provenance import fingerprint
-from .reading import printable, read_bytes, shipped
+from .reading import is_file, printable, read_bytes, shipped
 from .solution import Plan
 
 SOURCE = "source.json"
@@ -59,10 +59,9 @@ def default_folder(problem: str, motion: Motion) -> Path:
     found = (told.get("problem_sha256"), told.get("anatomy_sha256"))
     if told and not is_of(folder, problem) and found != hashes(motion):
         raise InputError(
-            f"{folder}: has results of another problem with the same name, "
-            f"{printable(str(told.get('file')))} (as seen from there); expected results of "
-            f"{problem} or no folder. Name another one with --out, give one of the two problems "
-            "another name, or move the folder away."
+            f"{folder}: has results of another problem with the same name, {_shown(told, folder)}; "
+            f"expected results of {problem} or none. Name another folder with --out, or give one "
+            "of the two problems another name."
         )
     return folder
 
@@ -93,6 +92,13 @@ def _source(problem: str, folder: Path) -> str:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:  # another drive, on Windows
         return path.resolve().as_posix()
+
+
+def _shown(told: dict[str, Any], folder: Path) -> str:
+    """The problem file of a folder as a user would name it here."""
+    file = printable(str(told.get("file")))[:300]
+    path = Path(os.path.normpath(folder / file))
+    return str(path) if is_file(path) else file
 
 
 def hashes(motion: Motion) -> tuple[str, str]:

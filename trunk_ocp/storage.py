@@ -11,7 +11,8 @@ import csv
 import io
 import json
 import math
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,16 +20,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .built import as_built
 from .deferred_signals import deferred_interrupts
 from .diagnosis import Diagnosis
 from .errors import InputError
 from .files import replacing, write
-from .motion import as_built
 from .netcdf import read_netcdf
 from .provenance import fingerprint
 from .reading import printable, read_bytes
+from .records import fits
 from .restoring import check_size, restored
 from .solution import Plan, Status
+from .solver import Solve
 from .threads import one_thread
 
 SOLUTION = "solution.nc"
@@ -274,7 +277,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "problem_json": motion.spec.model_dump_json(),
         "anatomy_json": motion.anatomy.model_dump_json(),
         "notes_json": json.dumps(plan.notes),
-        "solves_json": json.dumps([asdict(solve) for solve in plan.solves]),
+        "solves_json": _records(plan.solves),
         "status": plan.status.name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
@@ -294,6 +297,14 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "anatomy_sha256": fingerprint(motion.anatomy),
         "source": f"trunk_ocp {version('trunk_ocp')}",
     }
+
+
+def _records(solves: Sequence[Solve]) -> str:
+    """Records of solves in JSON; of thousands that went on and on, without what each step was."""
+    text = json.dumps([asdict(solve) for solve in solves])
+    if fits(text):
+        return text
+    return json.dumps([asdict(replace(solve, history=solve.history[-1:])) for solve in solves])
 
 
 def activations_table(plan: Plan) -> str:

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .anatomy import Trunk
-from .errors import InputError
-from .loads import Vector, vector
-from .problem_file import HeldSpec, PhaseSpec, TargetSpec, Vec3, WayPoint, WrapSpec
+from .errors import InputError, StaticsError
+from .loads import Loads, Vector, vector
+from .problem_file import (
+    HeldSpec,
+    PhaseSpec,
+    ProblemSpec,
+    TargetSpec,
+    Vec3,
+    WayPoint,
+    WrapSpec,
+)
+from .statics import solve_statics
 
 
 @dataclass(frozen=True)
@@ -43,6 +53,40 @@ class Target:
             for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
             if d is not None and w > 0
         ]
+
+
+def all_targets(spec: ProblemSpec, trunk: Trunk) -> list[tuple[Target, ...]]:
+    """Targets of every time step, with numbers in place of paths and arcs.
+
+    Raises
+    ------
+    InputError
+        For points off the trunk, or directions held from a step that is not earlier.
+    """
+    origins = {"base": np.zeros(3), "passive-tip": np.zeros(3)}
+    parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
+    if any(part.origin == "passive-tip" for part in parts):
+        origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
+    found: list[tuple[Target, ...]] = []
+    for number, phase in enumerate(spec.phases, 1):
+        for i in range(1, phase.steps + 1):
+            where = f"phases[{number}]"
+            found.append(phase_targets(phase, i, trunk, origins, len(found), where))
+    return found
+
+
+@lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
+def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
+    """Where the tip of the trunk at rest is under its own weight, m."""
+    try:
+        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
+        return vector(rest.position(np.array([trunk.length]))[0])
+    except StaticsError as error:
+        raise InputError(
+            'origin = "passive-tip": the passive trunk does not hold its own weight '
+            f"({error}) Expected a youngs_modulus in Pa, a density in kg/m^3 and a gravity in "
+            'm/s^2 that fit together; or measure from origin = "base".'
+        ) from None
 
 
 def phase_targets(

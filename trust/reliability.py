@@ -29,6 +29,11 @@ dropped, doubled or renamed, types changed, numbers at the edge (NaN, infinities
 bytes flipped, files cut off. Saved plans likewise. Each must be refused in a second, with the
 file's name, or be planned; there is no third outcome.
 
+**Saved files** ([trust/damaged.py](../trust/damaged.py)): solution.nc and resume.npz with bytes
+flipped, parts lost, headers that claim terabytes, records of wrong types, arrays beyond reason,
+archives that are compressed or have more in them, pipes and devices in their place. Each must be
+refused in a second and in 300 MB, or be what it says; no other file may change.
+
 **Answers** ([trust/answers.py](../trust/answers.py)): every plan that calls itself solved is
 judged from the text of its file alone: targets, bounds and equilibrium are computed again by
 scipy, with nothing of the code that verified the plan.
@@ -66,6 +71,17 @@ machine tried all this.
 """
 
 
+def _damaged(counts: Mapping[str, Any]) -> tuple[str, int, str, int]:
+    """The row of saved files."""
+    refused = sum(n for what, n in counts["outcomes"].items() if what.endswith("refused"))
+    tried = sum(counts["tried"].values())
+    came = (
+        f"{refused} refused, the slowest in {counts['slowest']} s; {tried - refused} are what they "
+        f"say; {counts['megabytes']} MB more memory in all"
+    )
+    return "saved plans and unfinished runs, damaged or hostile", tried, came, len(counts["faults"])
+
+
 WORDS = {"interrupted": "stopped after 30 s"}  # by the trial itself
 
 
@@ -100,6 +116,8 @@ def page(counts: Mapping[str, Any]) -> str:
             len(validation["disagreements"]),
         ),
     ]
+    if damaged := counts.get("damaged"):
+        rows.insert(2, _damaged(damaged))
     table = "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
     statuses = "\n".join(f"| {s.name} | {s.value} | {s.exit_code} |" for s in Status)
     return HEAD.format(rows=table, **counts) + BODY.format(statuses=statuses)
