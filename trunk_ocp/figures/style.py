@@ -145,8 +145,11 @@ def phase_keys(motion: Motion) -> list[Patch]:
 
 
 def plain(text: str) -> str:
-    """Text as its author wrote it, dollars included, which matplotlib takes for formulae."""
-    return text.replace("$", r"\$")
+    """Text as its author wrote it.
+
+    Matplotlib takes dollars for formulae, and leaves labels with a leading underscore out.
+    """
+    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def title(motion: Motion) -> str:
