@@ -3,8 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
+OLDEST := .venv-oldest
 
-.PHONY: venv motion results test frameworks trust study examples lint bench schema clean
+.PHONY: venv motion results test oldest frameworks trust study examples lint bench schema clean
 
 venv: $(READY)
 
@@ -28,6 +29,16 @@ frameworks: venv
 test: venv $(TESTABLE)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 TRUNK_OCP_SCREENSHOTS=out/screenshots \
 	  $(BIN)/python -m pytest --numprocesses=2
+
+# The same tests with the oldest versions that pyproject.toml allows, but for those of the page, which
+# drive a browser. PyTorch is large: TORCH=torch for it, too.
+oldest:
+	$(PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check \
+	  --constraint requirements-oldest.txt --editable '.[fast,jax,onnx,symbolic]' $(TORCH) \
+	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
+	  $(OLDEST)/bin/python -m pytest --numprocesses=2 -W ignore --ignore tests/test_page.py
 
 motion: venv
 	$(BIN)/solve-motion pick-fruit
@@ -63,4 +74,4 @@ schema: venv
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json
 
 clean:
-	rm -rf .venv
+	rm -rf .venv $(OLDEST)

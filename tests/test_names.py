@@ -307,9 +307,12 @@ def test_a_title_is_no_formula_to_a_figure(tmp_path, key):
 
     title = HOSTILE[key].replace("\n", " ")
     spec = TOUCH.replace('name = "touch"', f'name = "touch"\ntitle = {quoted(title)}', 1)
+    spec = spec.replace('name = "reach"', f"name = {quoted('_' + title)}")
     (tmp_path / "touch.toml").write_text(spec, encoding="utf-8")
-    figure = Figure()
-    style.headline(figure, style.title(to.load_motion(tmp_path / "touch.toml")))
+    figure, motion = Figure(), to.load_motion(tmp_path / "touch.toml")
+    style.headline(figure, style.title(motion))
+    legend = figure.legend(handles=style.phase_keys(motion))
+    assert len(legend.get_texts()) == 1
     figure.savefig(tmp_path / "title.svg")
     assert (tmp_path / "title.svg").stat().st_size > 1000
 

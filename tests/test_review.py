@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -131,10 +132,12 @@ def test_a_shifted_motion_is_replanned_from_the_multipliers(tmp_path):
     motion = to.load_motion("lift-log")
     plan = plan_motion(motion)
     again = to.Replanner(plan)
+    pickled = pickle.loads(pickle.dumps(again))
     moved = motion.shifted((0.01, 0.0, 0.0))
     replanned = again(moved)
     assert replanned.status is to.Status.SOLVED
     assert replanned.iterations <= 5
+    np.testing.assert_array_equal(pickled(moved).x, replanned.x)
     anew = plan_motion(moved, start=plan)
     # Re-planning stops at a tolerance of 1e-6, planning at 1e-8.
     assert replanned.objective.total == pytest.approx(anew.objective.total, abs=5e-6)

@@ -1,5 +1,7 @@
 """Compiled shapes against statics, an independent integrator, finer steps and differences."""
 
+import copy
+import pickle
 import sys
 from functools import partial
 
@@ -549,3 +551,14 @@ def test_an_operation_that_is_not_translated_is_refused():
     graph = ca.Function("graph", [y], [y + y])
     with pytest.raises(TrunkError, match="graph: expected a function of scalar operations"):
         python_source(graph, "graph")
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda map_: pickle.loads(pickle.dumps(map_))])
+def test_a_copy_and_a_pickle_give_the_same_shapes(trunk, again):
+    one = ShapeMap(trunk, LOADS["contact"], at=[0.3], steps=3)
+    activation = np.zeros((2, 28))
+    activation[1, 0] = -1.5  # bends sharply enough to need more steps
+    wanted = one(activation, heads(2, 1))
+    got = again(one)(activation, heads(2, 1))
+    np.testing.assert_array_equal(got.path, wanted.path)
+    np.testing.assert_array_equal(got.Z, wanted.Z)

@@ -158,8 +158,11 @@ def short(text: str, most: int) -> str:
 
 
 def plain(text: str) -> str:
-    """Text as its author wrote it, dollars included, which matplotlib takes for formulae."""
-    return text.replace("$", r"\$")
+    """Text as its author wrote it.
+
+    Matplotlib takes dollars for formulae, and leaves labels with a leading underscore out.
+    """
+    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def title(motion: Motion) -> str:
