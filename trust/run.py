@@ -2,8 +2,9 @@
 
     python -m trust.run --inputs 2000 --trials 60 --seed 1
 
-Cases are validated, files are made up and damaged, runs are killed and resumed. The counts go to
-results/reliability.json, from which the page is written. Exit code 1 if anything disagreed.
+Cases are validated, files are made up and damaged, runs are killed and resumed, commands are
+interrupted. The counts go to results/reliability.json, from which the page is written. Exit code 1
+if anything disagreed.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--inputs", type=int, default=2000, help="files tried")
     parser.add_argument("--trials", type=int, default=60, help="runs that are ended and resumed")
+    parser.add_argument("--moments", type=int, default=5, help="Ctrl-C of each command")
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -37,6 +39,7 @@ def main() -> None:
         parts = {
             "inputs": ("trust.inputs", chosen.inputs),
             "faults": ("trust.faults", chosen.trials),
+            "interrupts": ("trust.interrupts", chosen.moments),
         }
         running = {
             name: subprocess.Popen(
@@ -64,6 +67,7 @@ def main() -> None:
         *counts["validation"]["disagreements"],
         *counts["inputs"]["faults"],
         *counts["faults"]["disagreements"],
+        *counts["interrupts"]["disagreements"],
     ]
     sys.exit(1 if wrong else 0)
 
