@@ -1,5 +1,6 @@
 """How commands end: with the right exit code and a sentence, whatever happens around them."""
 
+import contextlib
 import errno
 import io
 import os
@@ -7,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -112,6 +112,30 @@ def destroy(things):
     things.clear()
     for _ in range(100):
         time.sleep(0.01)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_terminated_command_leaves_the_cursor_visible(tmp_path, count):
+    """In a terminal of its own, whose live line hides it."""
+    (tmp_path / "problem.toml").write_text(trials.PROBLEM)
+    words = ["solve", "problem.toml", "--out", "new", "--no-figures"]
+    process, terminal = os.forkpty()
+    if process == 0:
+        os.chdir(tmp_path)
+        os.execve(sys.executable, [sys.executable, "-m", "trunk_ocp", *words], ENVIRONMENT)
+    shown = b""
+    with contextlib.suppress(OSError):  # the terminal ends with the process
+        while b"iteration" not in shown:
+            shown += os.read(terminal, 4096)
+        for _ in range(count):
+            os.kill(process, signal.SIGTERM)
+            time.sleep(0.05)
+        while more := os.read(terminal, 4096):
+            shown += more
+    os.close(terminal)
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 4
+    assert b"\x1b[?25l" in shown
+    assert shown.rfind(b"\x1b[?25h") > shown.rfind(b"\x1b[?25l")
 
 
 class Clumsy:
@@ -248,7 +272,7 @@ class Full(io.StringIO):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-@contextmanager
+@contextlib.contextmanager
 def full_output(tmp_path, monkeypatch):
     stream = Full()
     stream.place = (tmp_path / "output").open("w")

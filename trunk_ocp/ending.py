@@ -8,8 +8,10 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -76,6 +78,8 @@ def _ended(run: Callable[[], Any]) -> NoReturn:
     try:
         with contextlib.ExitStack() as stack:
             output = stack.enter_context(steady_streams())
+            stack.enter_context(warnings.catch_warnings())
+            quiet_libraries()
             interrupts = Interrupts.current or stack.enter_context(Interrupts())
             ignore_at_exit()
             code = _code(run, interrupts)
@@ -86,6 +90,14 @@ def _ended(run: Callable[[], Any]) -> NoReturn:
     except KeyboardInterrupt:
         code = _interrupted()
     sys.exit(code)
+
+
+def quiet_libraries() -> None:
+    """Leave out what libraries say to programmers, unless Python was asked for it with -W."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    # Where it may not keep its settings it makes a folder for them; nobody needs to know.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def _code(run: Callable[[], Any], interrupts: Interrupts) -> int:

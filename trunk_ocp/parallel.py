@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -218,7 +219,9 @@ def _begin(lifeline: Connection) -> None:
     """Begin a process that works: Ctrl-C reaches all at once, and the first one answers for all."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: _leave())
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in the one that started it
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in a command
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     _threads.append(one_thread())
     _threads[-1].__enter__()

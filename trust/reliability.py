@@ -42,6 +42,11 @@ scipy, with nothing of the code that verified the plan.
 Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
 The result is compared bit by bit with that of a run nothing stopped.
 
+**Interrupts** ([trust/interrupts.py](../trust/interrupts.py)): every command, and `plan_motion` in
+a script and in a session, gets Ctrl-C at random moments, once, twice, or SIGTERM in its place. It
+must end with exit code 4 (or that of a run that was over), within a second of the second Ctrl-C,
+without a traceback, and no saved plan may say that it is finished where it is not.
+
 **Validation** ([docs/validation.md](validation.md)): closed forms, published figures, balances,
 symmetries and limits, each to a tolerance with its reason.
 
@@ -85,6 +90,16 @@ def _damaged(counts: Mapping[str, Any]) -> tuple[str, int, str, int]:
 WORDS = {"interrupted": "stopped after 30 s"}  # by the trial itself
 
 
+def _interrupts(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
+    """The row of interrupted commands, if any were."""
+    if "interrupts" not in counts:
+        return []
+    told = counts["interrupts"]
+    outcomes = "; ".join(f"{number} {name}" for name, number in told["outcomes"].items())
+    slowest = f"{outcomes}; at most {told['slowest_second']} s from a second Ctrl-C to the end"
+    return [("commands and calls interrupted", told["trials"], slowest, len(told["disagreements"]))]
+
+
 def page(counts: Mapping[str, Any]) -> str:
     """The page."""
     inputs, faults, validation = counts["inputs"], counts["faults"], counts["validation"]
@@ -94,7 +109,7 @@ def page(counts: Mapping[str, Any]) -> str:
     )
     injected = faults["faults_injected"]
     kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(injected.items()))
-    rows = [
+    rows: list[tuple[Any, ...]] = [
         ("files, made up and damaged", inputs["tried"], outcomes, len(inputs["faults"])),
         (
             "answers called solved, checked by other means",
@@ -109,6 +124,7 @@ def page(counts: Mapping[str, Any]) -> str:
             f"{faults['bits_compared']:,} bits",
             len(faults["disagreements"]),
         ),
+        *_interrupts(counts),
         (
             "validation cases",
             validation["cases"],

@@ -2,8 +2,9 @@
 
     python -m trust.run --inputs 2000 --trials 60 --seed 1
 
-Cases are validated, files are made up and damaged, runs are killed and resumed. The counts go to
-results/reliability.json, from which the page is written. Exit code 1 if anything disagreed.
+Cases are validated, files are made up and damaged, runs are killed and resumed, commands are
+interrupted. The counts go to results/reliability.json, from which the page is written. Exit code 1
+if anything disagreed.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ def main() -> None:
     parser.add_argument("--inputs", type=int, default=2000, help="files tried")
     parser.add_argument("--trials", type=int, default=60, help="runs that are ended and resumed")
     parser.add_argument("--damaged", type=int, default=2000, help="saved files tried")
+    parser.add_argument("--moments", type=int, default=5, help="Ctrl-C of each command")
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -39,6 +41,7 @@ def main() -> None:
             "inputs": ("trust.inputs", chosen.inputs),
             "faults": ("trust.faults", chosen.trials),
             "damaged": ("trust.damaged", chosen.damaged),
+            "interrupts": ("trust.interrupts", chosen.moments),
         }
         running = {
             name: subprocess.Popen(
@@ -67,6 +70,7 @@ def main() -> None:
         *counts["inputs"]["faults"],
         *counts["faults"]["disagreements"],
         *counts["damaged"]["faults"],
+        *counts["interrupts"]["disagreements"],
     ]
     sys.exit(1 if wrong else 0)
 
