@@ -134,6 +134,10 @@ def test_no_muscle_is_said_to_contract_that_may_only_lengthen(tmp_path):
     x[:, :count] = 0.0
     x[:, 3] = 1.0
     steps = tuple(replace(step, box=Box(lower, upper)) for step in plan.motion.steps)
-    pressed = at_bounds(replace(plan, x=x, motion=replace(plan.motion, steps=steps)))
+    longer = replace(plan, x=x, motion=replace(plan.motion, steps=steps))
+    pressed = at_bounds(longer)
     assert pressed["contraction"] == {}
     assert pressed["lengthening"] == {plan.motion.trunk.muscles[3]: [1, 2, 3, 4, 5, 6]}
+    warned = [f for f in explain(longer, deep=False).findings if "made to lengthen" in f.what]
+    assert plan.motion.trunk.muscles[3] in warned[0].details[0]
+    assert not any("made to lengthen" in f.what for f in explain(plan, deep=False).findings)

@@ -123,6 +123,13 @@ def test_way_points_may_be_measured_from_the_passive_tip(tmp_path):
     np.testing.assert_allclose(by, np.tile([0.6720968, 0, 1.6202937], (4, 1)), atol=1e-6)
 
 
+def test_a_first_way_point_that_the_phase_before_does_not_reach_is_told(tmp_path):
+    assert through(tmp_path, WAY, 3).warnings == ()
+    (warning,) = through(tmp_path, [[0.5, 0.1, 1.2], *WAY[1:]], 3).warnings
+    assert "through[1]" in warning
+    assert "the end of the phase before" in warning
+
+
 def test_a_plan_passes_through_all_way_points_without_stopping(tmp_path):
     motion = through(tmp_path, WAY, 4)
     assert motion.warnings == ()

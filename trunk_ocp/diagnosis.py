@@ -309,6 +309,13 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         told = tuple(f"{', '.join(names)}: {said(steps)}" for steps, names in together.items())
         if told:
             yield Finding(level, words, told)
+    peaks = plan.activations.max(axis=0)
+    longer = [n for n, peak in zip(plan.motion.trunk.muscles, peaks, strict=True) if peak > NEAR]
+    if longer:
+        told = (
+            f"{', '.join(longer)}: activations up to {peaks.max():.3g}, and negative contracts",
+        )
+        yield Finding("warning", "muscles are made to lengthen, which none does by itself", told)
     if not plan.converged:
         return
     margin = plan.stability.margin

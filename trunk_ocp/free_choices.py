@@ -77,11 +77,10 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     )
     free = again.status is Status.SOLVED
     reached = "every target is still reached" if free else "a target is missed"
+    if worst or before:
+        reached += f", the worst position is {worst:.2g} mm off instead of {before:.2g}"
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""
-    return (
-        f"held at 0{option}, {name} costs {more:+.2g} % of the objective; {reached}, the worst "
-        f"position by {worst:.2g} mm instead of {before:.2g}"
-    )
+    return f"held at 0{option}, {name} costs {more:+.2g} % of the objective; {reached}"
 
 
 def _held(motion: Motion, angle: int) -> Motion:

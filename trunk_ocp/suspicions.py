@@ -24,7 +24,7 @@ from .problem_file import (
     TargetSpec,
     WrapSpec,
 )
-from .targets import bezier, way_points
+from .targets import Target, bezier, way_points
 
 if TYPE_CHECKING:
     from .motion import Motion, Step
@@ -144,6 +144,12 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
         yield from _limits(phase.bounds, f"{where}.bounds")
         yield from _phase(phase, where, motion)
         steps = [step for step in motion.steps if step.phase == number - 1]
+        before = [step for step in motion.steps if step.phase == number - 2]
+        for n, target in enumerate(phase.targets):
+            if target.through is not None:
+                pair = (before[-1] if before else None, steps[-1].targets[n])
+                key = f"{where}.targets[{n + 1}].through[1]"
+                yield from _first_way_point(target, phase, *pair, key, spec.tolerance.position)
         yield from _targets(phase, where, steps, motion)
     yield from _impossible(motion)
 
@@ -223,6 +229,30 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
     if place.through is not None:
         times, _ = way_points(place.through, phase)
         yield from _between_steps(times, phase, f"{where}.through")
+
+
+def _first_way_point(
+    spec: TargetSpec, phase: PhaseSpec, before: Step | None, last: Target, key: str, near: float
+) -> Iterator[Finding]:
+    """A way point at the phase's start, where no step of this phase is, that no one asks for.
+
+    `last` is the target at the phase's end, which is where the last way point is.
+    """
+    assert spec.through is not None
+    assert last.position is not None
+    times, points = way_points(spec.through, phase)
+    if times[0] > OFF_STEP * phase.duration / phase.steps:
+        return
+    place = np.asarray(last.position) + points[0] - points[-1]
+    asked = before.targets if before else ()
+    if any(
+        t.Z == spec.Z and t.position is not None and math.dist(t.position, place) <= near
+        for t in asked
+    ):
+        return
+    start = "the end of the phase before" if before else "the start of the motion, at rest"
+    text = f"is at {start}, where it is not asked for"
+    yield key, spec.through[0], f"{text}; put a phase before that reaches it, or give a later time"
 
 
 def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:

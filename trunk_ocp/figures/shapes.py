@@ -45,6 +45,7 @@ HEADER = 10.0  # mm, for title and key
 ARROW = 0.1  # of the trunk's length
 TALLEST = 225.0  # mm, of all rows together: a page
 MOST_ROWS = 5  # on a page; of more phases several share a row
+MOST_TIPS = 121  # points of the tip's path through a phase
 MOST_TRUNKS = 6  # in a row
 LONGEST = 105.0  # mm on paper for the trunk's length, even where little happens
 
@@ -85,7 +86,8 @@ def row_of(plan: Plan, number: int) -> Row:
     found = [log_at(plan.motion, step) for step in before + steps]
     logs = [log for log in found if log is not None] if found[-1] is not None else []
     tip = np.array([plan.motion.trunk.length])
-    between = instants(plan, within_phase(plan, number, 13), number)
+    count = min(max(13, 3 * len(steps) + 1), MOST_TIPS)  # corners would be the picture's own
+    between = instants(plan, within_phase(plan, number, count), number)
     tips = [instant.shape.position(tip)[0, 0] for instant in between]
     return Row(number, trunks, logs, marks(plan, steps[-1]), np.array(tips).reshape(-1, 3))
 
