@@ -149,7 +149,7 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
             if target.through is not None:
                 pair = (before[-1] if before else None, steps[-1].targets[n])
                 key = f"{where}.targets[{n + 1}].through[1]"
-                yield from _first_way_point(target, phase, *pair, key, spec.tolerance.position)
+                yield from _first_way_point(target, phase, *pair, key, motion.tolerance[0])
         yield from _targets(phase, where, steps, motion)
     yield from _impossible(motion)
 

@@ -47,6 +47,14 @@ a script and in a session, gets Ctrl-C at random moments, once, twice, or SIGTER
 must end with exit code 4 (or that of a run that was over), within a second of the second Ctrl-C,
 without a traceback, and no saved plan may say that it is finished where it is not.
 
+**Extreme trunks** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, from
+cylinders to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear.
+Each shape that statics finds, and each plan, is judged by scipy's two-point solver on equations
+written out once more: no wrong one may be called solved, no right one unverified.
+
+**Between time steps** ([trust/between.py](../trust/between.py)): the fruit motion at {between}
+instants against a two-point solution in scipy, with the loads that the paper prescribes.
+
 **Validation** ([docs/validation.md](validation.md)): closed forms, published figures, balances,
 symmetries and limits, each to a tolerance with its reason.
 
@@ -100,6 +108,32 @@ def _interrupts(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
     return [("commands and calls interrupted", told["trials"], slowest, len(told["disagreements"]))]
 
 
+def _equilibria(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
+    """Rows of extreme trunks, if any were judged."""
+    rows = []
+    for name, told in counts.get("equilibria", {}).items():
+        if isinstance(told, dict):
+            outcomes = "; ".join(f"{n} {what}" for what, n in sorted(told["outcomes"].items()))
+            tried = sum(told["outcomes"].values())
+            rows.append((f"{name} of extreme trunks", tried, outcomes, len(told["faults"])))
+    return rows
+
+
+def _between(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
+    """The row of the fruit motion between its time steps, if it was integrated."""
+    parts = counts.get("between", {}).values()
+    if not parts:
+        return []
+    largest = 1e3 * max(part["largest_m"] for part in parts)
+    wrong = sum(len(part["faults"]) for part in parts)
+    said = f"at most {largest:.2g} mm from the independent solution"
+    return [("instants of the fruit motion", _instants(counts), said, wrong)]
+
+
+def _instants(counts: Mapping[str, Any]) -> int:
+    return sum(part["instants"] for part in counts.get("between", {}).values())
+
+
 def page(counts: Mapping[str, Any]) -> str:
     """The page."""
     inputs, faults, validation = counts["inputs"], counts["faults"], counts["validation"]
@@ -125,6 +159,8 @@ def page(counts: Mapping[str, Any]) -> str:
             len(faults["disagreements"]),
         ),
         *_interrupts(counts),
+        *_equilibria(counts),
+        *_between(counts),
         (
             "validation cases",
             validation["cases"],
@@ -136,4 +172,6 @@ def page(counts: Mapping[str, Any]) -> str:
         rows.insert(2, _damaged(damaged))
     table = "\n".join(f"| {' | '.join(map(str, row))} |" for row in rows)
     statuses = "\n".join(f"| {s.name} | {s.value} | {s.exit_code} |" for s in Status)
-    return HEAD.format(rows=table, **counts) + BODY.format(statuses=statuses)
+    return HEAD.format(rows=table, **counts) + BODY.format(
+        statuses=statuses, between=_instants(counts)
+    )
