@@ -33,5 +33,6 @@ def _run(name: str) -> None:
 
 
 def _interrupted() -> None:
-    sys.stderr.write("Interrupted; nothing was done.\n")
+    if sys.stderr is not None:
+        sys.stderr.write("Interrupted; nothing was done.\n")
     sys.exit(INTERRUPTED)

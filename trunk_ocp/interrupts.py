@@ -64,7 +64,8 @@ class Interrupts:
         # Who starts us with a signal ignored, as nohup does, means it.
         heeded = [n for n in ours if n == signal.SIGINT or signal.getsignal(n) != signal.SIG_IGN]
         reader, self._writer = os.pipe()
-        os.set_blocking(self._writer, False)
+        with contextlib.suppress(AttributeError, OSError):  # not on every system
+            os.set_blocking(self._writer, False)
         self._wakeup = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         threading.Thread(target=self._watch, args=(reader,), daemon=True).start()
         self._before = {n: signal.signal(n, self._answer) for n in heeded}
