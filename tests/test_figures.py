@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -497,3 +498,20 @@ def test_shapes_that_cannot_be_had_are_left_out():
     plan = plan_motion(first_steps("lift-log", 2), lookahead=1)
     lost = replace(plan, x=np.full_like(plan.x, np.nan))
     assert [instant.time for instant in instants.instants(lost, np.array([0.5]))] == []
+
+
+def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
+    edges = np.linspace(0.0, 3.1, 15)
+    groups = "".join(
+        f'{{ group = "group{n}", architecture = "longitudinal", radii_over_length = [0.02, 0.05], '
+        f"sector = [{low}, {high}] }},\n"
+        for n, (low, high) in enumerate(pairwise(edges))
+    )
+    text = ROD[: ROD.index("muscles")] + f"muscles = [\n{groups}]\n"
+    plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", text), throw=False)
+    with style.styled():
+        figure = muscles.picture(plan, instants.instants(plan, np.array([1.0])), "R")
+        FigureCanvasAgg(figure).draw()
+        drawn = [axes.title.get_window_extent() for axes in figure.axes if axes.get_title()]
+    assert len(drawn) == 14
+    assert all(one.x1 <= two.x0 for one, two in pairwise(drawn))

@@ -25,6 +25,7 @@ from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 DORSAL = towards("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
 BESIDE = towards("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
 SECTIONS = 12
+LINE = 3.6  # mm, of a legend
 APART = 0.12  # of the trunk's length, between exploded segments
 OUTWARDS = 1.1  # of the base radius, by which exploded muscles leave the axis
 
@@ -41,10 +42,12 @@ def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Pat
 def sections_picture(trunk: Trunk) -> Figure:
     """Cross-sections of every segment, in cm, all to one scale."""
     width = min(style.WIDTH, 60.0 * trunk.segments)
-    height = width / trunk.segments + 16
+    columns = 3 if width > 100 else 2
+    header = max(14.0, 7 + LINE * np.ceil(len(groups(trunk)) / columns))
+    height = width / trunk.segments + 2 + header
     figure = style.new_figure(height, width)
     grid = figure.add_gridspec(
-        1, trunk.segments, left=12 / width, right=1 - 2 / width, top=1 - 14 / height,
+        1, trunk.segments, left=12 / width, right=1 - 2 / width, top=1 - header / height,
         bottom=8 / height, wspace=0.18,
     )  # fmt: skip
     panels = grid.subplots(squeeze=False, sharex=True, sharey=True)[0]
@@ -52,7 +55,7 @@ def sections_picture(trunk: Trunk) -> Figure:
         _section(axes, trunk, segment)
     panels[0].set_ylabel("$d_1$, dorsal (cm)")
     figure.legend(
-        handles=_key(trunk), loc="upper center", ncols=3 if width > 100 else 2,
+        handles=_key(trunk), loc="upper center", ncols=columns,
         handlelength=1, columnspacing=1,
     )  # fmt: skip
     return figure

@@ -23,6 +23,8 @@ from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey
 SECTIONS = 10
+NARROWEST = 16.0  # mm, of a column; the page grows with the number of groups
+LETTER = 1.6  # mm of a heading
 MARGIN = 0.02 / 1.75  # of the trunk's length, around it
 DARKEST = 0.8  # shading must not be taken for activation
 # Each side as one sees it standing beside the elephant, a little in front and above.
@@ -57,10 +59,11 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     lines = [moment.shape.position(Z)[0] for moment in moments]
     box = extent(view, np.concatenate(lines), trunk.base_radius + MARGIN * trunk.length)
     left, right, above, below = 13.0, 2.0, 14.0, 17.0  # mm
-    width = (style.WIDTH - left - right) / len(names)
+    page = max(style.WIDTH, left + right + NARROWEST * len(names))
+    width = (page - left - right) / len(names)
     tall = min(width * box.height / box.width, 34.0)
     height = above + below + tall * len(moments)
-    figure = style.new_figure(height)
+    figure = style.new_figure(height, page)
     style.headline(
         figure,
         f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)}): {name} muscles, seen from "
@@ -70,25 +73,29 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     for row, (moment, line) in enumerate(zip(moments, lines, strict=True)):
         bottom = (below + tall * (len(moments) - 1 - row)) / height
         middle, text = bottom + tall / height / 2, f"t =\n{moment.time:.2f} s"
-        text += ",\nafter\nloads\njumped" if moment.after else ""
-        figure.text(1.5 / style.WIDTH, middle, text, va="center")
+        text += ",
+after
+loads
+jumped" if moment.after else ""
+        figure.text(1.5 / page, middle, text, va="center")
         for column, group in enumerate(names):
-            x = (left + column * width) / style.WIDTH
-            axes = figure.add_axes((x, bottom, width / style.WIDTH, tall / height))
+            x = (left + column * width) / page
+            axes = figure.add_axes((x, bottom, width / page, tall / height))
             axes.plot(*view.flat(line).T, color=style.FAINT, linewidth=0.5, zorder=1)
             paint(axes, view, _surfaces(plan, moment, group, side, scale), darkest=DARKEST)
             frame(axes, view, box)
             if row == 0:
-                _head_column(axes, trunk, group)
+                _head_column(axes, trunk, group, int(width / LETTER))
             if column == 0 and row == len(moments) - 1:  # one bar is enough for all
                 measure(axes, box)
     _bar(figure, scale, height)
     return figure
 
 
-def _head_column(axes: Axes, trunk: Trunk, group: str) -> None:
+def _head_column(axes: Axes, trunk: Trunk, group: str, most: int) -> None:
+    named = f"{group}\n{style.full_name(group)}"
     axes.set_title(
-        f"{group}\n{style.full_name(group)}" if group in style.NAMES else group,
+        named if group in style.NAMES else style.short(group, most),
         color=group_colours(trunk)[group], fontsize=6.5, fontweight="bold", pad=2,
     )  # fmt: skip
 

@@ -197,15 +197,16 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
     for number, log in enumerate(row.logs):
         if (number == 0 and index == 0) or (number == len(row.logs) - 1 and last):
             surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
-    return surfaces + cargo(plan, _phase_at(plan, row, row.trunks[index].time), row.trunks[index])
+    return surfaces + cargo(plan, _phase_at(plan, row, row.trunks[index]), row.trunks[index])
 
 
-def _phase_at(plan: Plan, row: Row, time: float) -> int:
-    """Number of the phase of a row that a time in s belongs to."""
+def _phase_at(plan: Plan, row: Row, instant: Instant) -> int:
+    """Number of the phase of a row that an instant belongs to."""
     if row.last is None:
         return row.number
     ends = [phase.end for phase in plan.motion.phases[row.number : row.last]]
-    return row.number + int(np.searchsorted(ends, time - 1e-9))
+    edge = 1e-9 if instant.after else -1e-9
+    return row.number + int(np.searchsorted(ends, instant.time + edge))
 
 
 def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
