@@ -73,10 +73,7 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     for row, (moment, line) in enumerate(zip(moments, lines, strict=True)):
         bottom = (below + tall * (len(moments) - 1 - row)) / height
         middle, text = bottom + tall / height / 2, f"t =\n{moment.time:.2f} s"
-        text += ",
-after
-loads
-jumped" if moment.after else ""
+        text += ",\nafter\nloads\njumped" if moment.after else ""
         figure.text(1.5 / page, middle, text, va="center")
         for column, group in enumerate(names):
             x = (left + column * width) / page
