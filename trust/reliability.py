@@ -33,6 +33,11 @@ file's name, or be planned; there is no third outcome.
 judged from the text of its file alone: targets, bounds and equilibrium are computed again by
 scipy, with nothing of the code that verified the plan.
 
+**Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders to
+near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape that
+statics finds, and every plan, is held against scipy's `solve_bvp` on equations of its own: nothing
+that is no equilibrium may be called one, and no plan that is one may fail the check.
+
 **Faults** ([trust/faults.py](../trust/faults.py)): runs are ended at random moments - `kill -9`,
 Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
 The result is compared bit by bit with that of a run nothing stopped.
@@ -69,6 +74,19 @@ machine tried all this.
 WORDS = {"interrupted": "stopped after 30 s"}  # by the trial itself
 
 
+def _equilibria(counts: Mapping[str, Any]) -> list[tuple[Any, ...]]:
+    """Rows on extreme trunks, shapes and plans."""
+    rows = []
+    for kind, tally in ((kind, counts[kind]) for kind in ("shapes", "plans") if kind in counts):
+        outcomes = ", ".join(
+            f"{n} {name.replace('_', ' ')}" for name, n in tally["outcomes"].items()
+        )
+        told = f"{outcomes}; {tally['judged']} judged, {tally['undecided']} beyond the judge"
+        tried = sum(tally["outcomes"].values())
+        rows.append((f"{kind} of extreme trunks", tried, told, len(tally["faults"])))
+    return rows
+
+
 def page(counts: Mapping[str, Any]) -> str:
     """The page."""
     inputs, faults, validation = counts["inputs"], counts["faults"], counts["validation"]
@@ -93,6 +111,7 @@ def page(counts: Mapping[str, Any]) -> str:
             f"{faults['bits_compared']:,} bits",
             len(faults["disagreements"]),
         ),
+        *_equilibria(counts.get("equilibria", {})),
         (
             "validation cases",
             validation["cases"],

@@ -30,6 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--inputs", type=int, default=2000, help="files tried")
     parser.add_argument("--trials", type=int, default=60, help="runs that are ended and resumed")
+    parser.add_argument("--equilibria", type=int, default=500, help="shapes judged, 5 to a plan")
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -37,6 +38,7 @@ def main() -> None:
         parts = {
             "inputs": ("trust.inputs", chosen.inputs),
             "faults": ("trust.faults", chosen.trials),
+            "equilibria": ("trust.equilibria", chosen.equilibria),
         }
         running = {
             name: subprocess.Popen(
@@ -64,6 +66,8 @@ def main() -> None:
         *counts["validation"]["disagreements"],
         *counts["inputs"]["faults"],
         *counts["faults"]["disagreements"],
+        *counts["equilibria"]["shapes"]["faults"],
+        *counts["equilibria"]["plans"]["faults"],
     ]
     sys.exit(1 if wrong else 0)
 
