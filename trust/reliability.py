@@ -33,10 +33,10 @@ file's name, or be planned; there is no third outcome.
 judged from the text of its file alone: targets, bounds and equilibrium are computed again by
 scipy, with nothing of the code that verified the plan.
 
-**Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders to
-near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape that
-statics finds, and every plan, is held against scipy's `solve_bvp` on equations of its own: nothing
-that is no equilibrium may be called one, and no plan that is one may fail the check.
+**Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders
+to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape
+that statics finds, and every plan, is held against scipy's `solve_bvp` on equations of its own:
+nothing that is no equilibrium may be called one, and no plan that is one may fail the check.
 
 **Faults** ([trust/faults.py](../trust/faults.py)): runs are ended at random moments - `kill -9`,
 Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
