@@ -213,7 +213,7 @@ def test_a_tip_force_out_of_all_proportion_leaves_no_trunk_of_zero_length(trunk,
     load = Loads(tip_force=tuple(size * np.array(way)))
     with contextlib.suppress(StaticsError):  # or else a string of the length that E A says
         shape = solve_statics(trunk, REST, loads=load, mesh=mesh_for(trunk, None, 24))
-        assert shape.defect <= 0.5
+        assert shape.defect <= 0.95
         assert np.linalg.norm(shape.position([1.75])) > size / 1e6
 
 

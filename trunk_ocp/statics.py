@@ -30,7 +30,7 @@ MAX_ITERATIONS = 30
 TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its square
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
-UNRESOLVED = 0.5  # defect of a shape that a given mesh has nothing to do with
+UNRESOLVED = 0.95  # defect of a shape whose frames have shrunk to nothing, which no rod has
 
 
 @dataclass(frozen=True, repr=False)
