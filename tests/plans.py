@@ -1,10 +1,12 @@
 """Motions, plans and problem files that several test files share; plans are made once a worker."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
+from trunk_ocp.anatomy import AnatomySpec, build_trunk
 from trunk_ocp.motion import load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.statics import solve_statics
@@ -109,3 +111,28 @@ youngs_modulus = 1.0e6
 poisson_ratio = 0.5
 density = 1000.0
 {parts}"""
+
+
+def thin_tipped_spec(taper=0.038, length=0.5, density=1050.0):
+    """A soft arm from 0.04 L to 0.002 L: from its base, errors grow 1e8 times under 5 g."""
+    dorsal = {
+        "group": "d",
+        "architecture": "longitudinal",
+        "radii_over_length": (0.02, 0.04),
+        "sector": (0.0, 1.2),
+    }
+    return AnatomySpec.model_validate(
+        {
+            "name": "arm",
+            "length": length,
+            "base_radius_over_length": 0.04,
+            "taper_deg": math.degrees(math.atan(taper)),
+            "material": {"youngs_modulus": 1e5, "poisson_ratio": 0.5, "density": density},
+            "segments": ({"Z_over_length": (0.0, 1.0), "muscles": (dorsal,)},),
+        }
+    )
+
+
+def thin_tipped(taper=0.038, length=0.5, density=1050.0):
+    """The trunk of `thin_tipped_spec`."""
+    return build_trunk(thin_tipped_spec(taper, length, density))

@@ -1,6 +1,7 @@
 """Compiled shapes against statics, an independent integrator, finer steps and differences."""
 
 import copy
+import math
 import pickle
 import sys
 from functools import partial
@@ -8,6 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
+from plans import thin_tipped
 
 import trunk_ocp
 from trunk_ocp import shape_map, shooting
@@ -562,3 +564,25 @@ def test_a_copy_and_a_pickle_give_the_same_shapes(trunk, again):
     got = again(one)(activation, heads(2, 1))
     np.testing.assert_array_equal(got.path, wanted.path)
     np.testing.assert_array_equal(got.Z, wanted.Z)
+
+
+# --- what no rod can be --------------------------------------------------------------
+
+
+def test_a_compressed_shape_is_refused():
+    trunk = thin_tipped(0.0, 0.1, 0.0)
+    area, passive = math.pi * trunk.base_radius**2 * trunk.youngs_modulus, np.zeros(2)
+    load = Loads(0.0, (0.0, 0.0, -1.6 * area))  # would leave -0.6 of the length
+    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
+        ShapeMap(trunk, load)(passive)
+    assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
+    assert not ShapeMap(trunk, load, strict=False)(passive).found
+    half = ShapeMap(trunk, load.scaled(0.5 / 1.6))(passive)
+    np.testing.assert_allclose(half.position[-1], (0, 0, 0.05), atol=1e-9)
+
+
+@pytest.mark.parametrize("Z", [0.1 * (1 + 2e-16), np.nextafter(0.1, 1), -1e-17])
+def test_a_point_one_rounding_error_beyond_an_end_is_the_end(Z):
+    trunk = thin_tipped(length=0.1)
+    shapes = ShapeMap(trunk, Loads(0.0), at=[Z])
+    np.testing.assert_array_equal(shapes.Z, ShapeMap(trunk, Loads(0.0)).Z)

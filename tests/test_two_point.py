@@ -5,19 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import soft_rod, written
-from test_statics import dorsal, thin_tipped
+from plans import soft_rod, thin_tipped, thin_tipped_spec, written
 
-from trunk_ocp.anatomy import AnatomySpec
+from trunk_ocp.anatomy import build_trunk
 from trunk_ocp.block_gaps import close_gaps
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.diagnosis import explain
-from trunk_ocp.errors import StaticsError
 from trunk_ocp.loads import Loads
 from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.problem_file import ProblemSpec
-from trunk_ocp.shape_map import ShapeMap
 from trunk_ocp.solution import Plan, Status
 from trunk_ocp.statics import shape_of_states, solve_statics
 from trunk_ocp.transcription import Weights
@@ -48,23 +45,8 @@ def held(trunk_spec, loads, Z, position):
     return build_motion(ProblemSpec.model_validate(spec), trunk_spec)
 
 
-def arm_spec(taper=0.038, modulus=1e5, density=1050.0, length=0.5):
-    return AnatomySpec.model_validate(
-        {
-            "name": "arm",
-            "length": length,
-            "base_radius_over_length": 0.04,
-            "taper_deg": math.degrees(math.atan(taper)),
-            "material": {"youngs_modulus": modulus, "poisson_ratio": 0.5, "density": density},
-            "segments": ({"Z_over_length": (0.0, 1.0), "muscles": (dorsal(),)},),
-        }
-    )
-
-
 def plan_of(spec, loads, elements, activation=GAMMA):
     """A plan that says that a shape of statics on some mesh is what is asked for."""
-    from trunk_ocp.anatomy import build_trunk
-
     trunk = build_trunk(spec)
     x = np.hstack([activation, np.zeros((1, 2))])
     shape = solve_statics(trunk, activation, loads=[loads], mesh=mesh_for(trunk, None, elements))
@@ -81,13 +63,13 @@ def spoilt(plan, **parts):
 
 
 def test_a_right_plan_of_a_thin_tipped_arm_is_solved():
-    plan = plan_of(arm_spec(), LOAD, 24)
+    plan = plan_of(thin_tipped_spec(), LOAD, 24)
     assert plan.verification.faults == []
     assert plan.status is Status.SOLVED
     judge = Judge(plan.motion.trunk, GAMMA[0], np.zeros(2), LOAD)
     assert judge.error(plan.shape[0]) < 1e-7
     # What the check holds against it is the equilibrium itself, though the plan is off by more.
-    coarse = plan_of(arm_spec(), LOAD, 6)
+    coarse = plan_of(thin_tipped_spec(), LOAD, 6)
     Z, line, _ = judge.solve(coarse.shape[0])
     path = equilibria(plan.motion.trunk, coarse.x, coarse.loads, coarse.shape, Z[::50])
     assert np.linalg.norm(path.position[0] - line[::50], axis=1).max() < 1e-8
@@ -96,7 +78,7 @@ def test_a_right_plan_of_a_thin_tipped_arm_is_solved():
 
 @pytest.mark.parametrize("what", ["moments", "turned", "other load", "other activation"])
 def test_a_wrong_plan_of_a_thin_tipped_arm_is_not(what):
-    plan = plan_of(arm_spec(), LOAD, 24)
+    plan = plan_of(thin_tipped_spec(), LOAD, 24)
     states = plan.shape.states.copy()
     if what == "moments":
         states[..., 4:] *= 1.01
@@ -112,9 +94,9 @@ def test_a_wrong_plan_of_a_thin_tipped_arm_is_not(what):
 
 
 def test_where_there_is_no_equilibrium_nearby_the_plan_is_not_verified():
-    plan = plan_of(arm_spec(), LOAD, 12)
+    plan = plan_of(thin_tipped_spec(), LOAD, 12)
     rng = np.random.default_rng(1)
-    states = plan.shape.states + rng.normal(size=plan.shape.states.shape)
+    states = plan.shape.states * (1 + 0.5 * rng.normal(size=plan.shape.states.shape))
     assert spoilt(plan, states=states).status is Status.UNVERIFIED
     states[0, 3] = np.nan
     undone = spoilt(plan, states=states)
@@ -124,10 +106,9 @@ def test_where_there_is_no_equilibrium_nearby_the_plan_is_not_verified():
 
 def test_the_limits_go_with_the_size_of_the_trunk():
     """The same arm at three sizes: what is off by a share of L is off at each."""
-    for length, E in ((0.005, 1e5), (0.5, 1e5), (50.0, 1e5)):
-        bends = E * (length / 0.5) ** 2
-        loads = Loads(0.0, (0.0, 0.0, 0.049 * bends / 1e5))
-        plan = plan_of(arm_spec(0.02, E, 0.0, length), loads, 12)
+    for length in (0.005, 0.5, 50.0):
+        loads = Loads(0.0, (0.0, 0.0, 0.049 * (length / 0.5) ** 2))
+        plan = plan_of(thin_tipped_spec(0.02, length, 0.0), loads, 12)
         assert plan.status is Status.SOLVED
         for share, fine in ((2e-5, True), (2e-4, False)):
             edges = plan.shape.edges + np.array([share * length, 0, 0])
@@ -137,21 +118,20 @@ def test_the_limits_go_with_the_size_of_the_trunk():
 
 def test_directors_inside_elements_are_held_against_the_independent_ones():
     """A mesh whose centerline passes may still be too coarse for directors at taper 0.9."""
-    plan = plan_of(arm_spec(0.036), Loads(0.0), 3, GAMMA)
     for elements in (3, 4, 6, 12, 24):
-        plan = plan_of(arm_spec(0.036), LOAD, elements)
+        plan = plan_of(thin_tipped_spec(0.036), LOAD, elements)
         if not plan.verification.too_coarse:
             break
     judge = Judge(plan.motion.trunk, GAMMA[0], np.zeros(2), LOAD)
     assert judge.error(plan.shape[0]) < 1e-4
-    fine = plan_of(arm_spec(0.036), LOAD, 48).shape
+    fine = plan_of(thin_tipped_spec(0.036), LOAD, 48).shape
     Z = np.linspace(0, 0.5, 400)
     off = np.linalg.norm(plan.shape.directors(Z) - fine.directors(Z), axis=-1).max()
     assert off < 5e-4
 
 
 def test_a_compressed_plan_is_a_fault_and_a_strained_one_a_doubt():
-    spec = arm_spec(0.0, 1e5, 0.0, 0.1)
+    spec = thin_tipped_spec(0.0, 0.1, 0.0)
     area = math.pi * (0.04 * 0.1) ** 2 * 1e5
     passive = np.zeros((1, 2))
     strained = plan_of(spec, Loads(0.0, (0.0, 0.0, 1.5 * area)), 6, passive)
@@ -167,27 +147,6 @@ def test_a_compressed_plan_is_a_fault_and_a_strained_one_a_doubt():
     assert crushed.status is Status.UNVERIFIED
     assert "compress the trunk to -0.6 of its length" in crushed.verification.faults[0]
     assert any("Ease the loads" in finding.advice for finding in explain(crushed).findings)
-
-
-def test_the_compiled_map_refuses_a_compressed_shape():
-    trunk = replace(thin_tipped(0.1), tan_taper=0.0, density=0.0)
-    area = math.pi * trunk.base_radius**2 * trunk.youngs_modulus
-    passive, down = np.zeros(2), trunk.head
-    assert down is not None
-    trunk = replace(trunk, head=replace(trunk.head, xi_d=0.0))
-    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
-        ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -1.6 * area)))(passive)
-    assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
-    lost = ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -1.6 * area)), strict=False)(passive)
-    assert not lost.found
-    half = ShapeMap(trunk, Loads(0.0, (0.0, 0.0, -0.5 * area)))(passive)
-    np.testing.assert_allclose(half.position[-1], (0, 0, 0.05), atol=1e-9)
-
-
-@pytest.mark.parametrize("Z", [0.1 * (1 + 2e-16), np.nextafter(0.1, 1), -1e-17])
-def test_the_compiled_map_takes_a_point_one_rounding_error_beyond_an_end(Z):
-    shapes = ShapeMap(thin_tipped(0.1), Loads(0.0), at=[Z])
-    np.testing.assert_array_equal(shapes.Z, ShapeMap(thin_tipped(0.1), Loads(0.0)).Z)
 
 
 CONE = """
@@ -206,17 +165,14 @@ position = [0.1, 0.05, 0.9]
 
 
 def test_a_trunk_that_ends_almost_in_a_point_is_planned(tmp_path):
-    muscles = """
-muscles = [
-  { group = "d", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0, 1] },
-  { group = "v", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [2, 3] },
-]
-"""
-    text = soft_rod("cone").replace("[0, 1]", "[0.0, 1.0]") + muscles.replace(
-        "[0, 1]", "[0.0, 1.0]"
-    ).replace("[2, 3]", "[2.0, 3.0]")
+    ring = 'architecture = "longitudinal", radii_over_length = [0.02, 0.05]'
+    pair = [
+        f'{{ group = "{name}", {ring}, sector = [{a}, {b}] }}'
+        for name, a, b in (("d", 0.0, 1.2), ("v", 1.9, 3.1))
+    ]
+    muscles = f"muscles = [{', '.join(pair)}]\n"
+    text = soft_rod("cone") + muscles
     taper = math.degrees(math.atan(0.05 * (1 - 3e-5)))
-    text = text.replace("radius_over_length", "radius_over_length", 1)
     text = text.replace("\n[material]", f"taper_deg = {taper!r}\n\n[material]", 1)
     written(tmp_path, text, "cone.toml")
     plan = plan_motion(load_motion(written(tmp_path, CONE)), 1, throw=False)
@@ -272,7 +228,7 @@ def test_random_extreme_shapes_are_equilibria():
 
 
 def test_random_extreme_plans_are_what_they_say():
-    tally = judge_plans(2, seed=5)
+    tally = judge_plans(1, seed=5)
     assert tally.faults == []
     assert tally.judged >= 1
 
@@ -285,6 +241,6 @@ def test_the_judge_sees_a_shape_that_is_no_equilibrium():
 
 
 def test_verify_takes_no_steps_and_many():
-    plan = plan_of(arm_spec(), LOAD, 12)
+    plan = plan_of(thin_tipped_spec(), LOAD, 12)
     none = verify(plan.motion, plan.x[:0], (), plan.part(0, 0), {})
     assert none.faults == none.doubts == []

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .statics import _Problem
 
 MOST_ELEMENTS = 200
-MOST_WORK = 1_500  # elements, times Newton's method was tried on them; some seconds
+MOST_WORK = 800  # elements, times Newton's method was tried on them; some seconds
 SMALLEST_LOAD_STEP = 1e-4
 LOST = (
     "no equilibrium found",

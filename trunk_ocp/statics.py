@@ -33,7 +33,7 @@ TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
 MOST_GROWTH = 1e4  # of rounding errors from base to tip; some 200 on the elephant's trunk
-UNRESOLVED = 0.1  # defect of a shape that a given mesh has nothing to do with
+UNRESOLVED = 0.95  # defect of a shape whose frames have shrunk to nothing, which no rod has
 
 
 @dataclass(frozen=True, repr=False)

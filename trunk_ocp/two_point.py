@@ -29,7 +29,7 @@ TURN = 2.0
 """Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
 MOST_INTERVALS = 400
 LARGEST_TURN = 10.0  # of an interval; beyond, differences and steps tell nothing
-MOST_SLOPES = 1_000  # of an interval; it takes 40 to 60
+MOST_SLOPES = 300  # of an interval; it takes 40 to 60
 SAMPLES = 100  # points at which the growth is looked at
 TOGETHER = 32  # rods
 ITERATIONS = 8

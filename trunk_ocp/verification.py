@@ -89,7 +89,7 @@ class Verification:
         squeezed, drawn = int(np.argmin(self.stretch[:, 0])), int(np.argmax(self.stretch[:, 1]))
         told = []
         for t, value, word, beyond in (
-            (squeezed, self.stretch[squeezed, 0], "compress", self.stretch[squeezed, 0] < low),
+            (squeezed, self.stretch[squeezed, 0], "compress", 0 < self.stretch[squeezed, 0] < low),
             (drawn, self.stretch[drawn, 1], "stretch", self.stretch[drawn, 1] > high),
         ):
             if beyond:

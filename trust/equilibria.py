@@ -1,6 +1,6 @@
-"""Random extreme trunks under random loads: whether what is called an equilibrium is one.
+"""Random extreme trunks and loads: what is called an equilibrium is judged by another solver.
 
-    python -m trust.equilibria --shapes 500 --plans 100 --seed 1 --json FILE
+    python -m trust.equilibria --count 500 --seed 1 --json FILE
 
 Trunks of 10 mm to 10 m, from cylinders to near cones, soft and stiff, are bent by muscles and by
 thrusts and pulls far beyond what they would bear. Each shape that statics finds and each plan is
@@ -345,12 +345,11 @@ def measure(shapes: int, plans: int, seed: int) -> dict[str, Any]:
 def main() -> None:
     """Run the trials, show and write the counts; exit code 1 if one did not hold."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--shapes", type=int, default=500)
-    parser.add_argument("--plans", type=int, default=100)
+    parser.add_argument("--count", type=int, default=500, help="shapes; a fifth as many plans")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, dest="path")
     chosen = parser.parse_args()
-    counts = measure(chosen.shapes, chosen.plans, chosen.seed)
+    counts = measure(chosen.count, chosen.count // 5, chosen.seed)
     text = json.dumps(counts, indent=1)
     print(text)
     if chosen.path:

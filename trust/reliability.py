@@ -38,6 +38,11 @@ refused in a second and in 300 MB, or be what it says; no other file may change.
 judged from the text of its file alone: targets, bounds and equilibrium are computed again by
 scipy, with nothing of the code that verified the plan.
 
+**Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders
+to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape
+that statics finds, and every plan, is held against scipy's `solve_bvp` on equations of its own:
+nothing that is no equilibrium may be called one, and no plan that is one may fail the check.
+
 **Faults** ([trust/faults.py](../trust/faults.py)): runs are ended at random moments - `kill -9`,
 Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
 The result is compared bit by bit with that of a run nothing stopped.
@@ -108,14 +113,16 @@ def _interrupts(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
     return [("commands and calls interrupted", told["trials"], slowest, len(told["disagreements"]))]
 
 
-def _equilibria(counts: Mapping[str, Any]) -> list[tuple[str, int, str, int]]:
-    """Rows of extreme trunks, if any were judged."""
+def _equilibria(counts: Mapping[str, Any]) -> list[tuple[Any, ...]]:
+    """Rows on extreme trunks, shapes and plans."""
     rows = []
-    for name, told in counts.get("equilibria", {}).items():
-        if isinstance(told, dict):
-            outcomes = "; ".join(f"{n} {what}" for what, n in sorted(told["outcomes"].items()))
-            tried = sum(told["outcomes"].values())
-            rows.append((f"{name} of extreme trunks", tried, outcomes, len(told["faults"])))
+    for kind, tally in ((kind, counts[kind]) for kind in ("shapes", "plans") if kind in counts):
+        outcomes = ", ".join(
+            f"{n} {name.replace('_', ' ')}" for name, n in tally["outcomes"].items()
+        )
+        told = f"{outcomes}; {tally['judged']} judged, {tally['undecided']} beyond the judge"
+        tried = sum(tally["outcomes"].values())
+        rows.append((f"{kind} of extreme trunks", tried, told, len(tally["faults"])))
     return rows
 
 
@@ -159,7 +166,7 @@ def page(counts: Mapping[str, Any]) -> str:
             len(faults["disagreements"]),
         ),
         *_interrupts(counts),
-        *_equilibria(counts),
+        *_equilibria(counts.get("equilibria", {})),
         *_between(counts),
         (
             "validation cases",

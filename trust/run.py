@@ -34,8 +34,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=60, help="runs that are ended and resumed")
     parser.add_argument("--damaged", type=int, default=2000, help="saved files tried")
     parser.add_argument("--moments", type=int, default=5, help="Ctrl-C of each command")
-    parser.add_argument("--shapes", type=int, default=500, help="extreme shapes judged")
-    parser.add_argument("--plans", type=int, default=100, help="extreme plans judged")
+    parser.add_argument("--equilibria", type=int, default=500, help="shapes judged, 5 to a plan")
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -45,7 +44,7 @@ def main() -> None:
         "faults": [f"--count={chosen.trials}", seed],
         "damaged": [f"--count={chosen.damaged}", seed],
         "interrupts": [f"--count={chosen.moments}", seed],
-        "equilibria": [f"--shapes={chosen.shapes}", f"--plans={chosen.plans}", seed],
+        "equilibria": [f"--count={chosen.equilibria}", seed],
         "between": [],
     }
     with tempfile.TemporaryDirectory() as folder:
