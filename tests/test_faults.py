@@ -209,6 +209,11 @@ def test_a_changed_problem_is_not_resumed(unfinished):
     assert "the problem changed (phases[2].duration: 0.5 -> 0.6)" in refused(unfinished)
 
 
+def test_a_problem_with_fewer_steps_is_not_resumed(unfinished):
+    written(unfinished, POINT.replace("steps = 2", "steps = 1", 1))
+    assert "the problem changed (phases[1].steps: 2 -> 1)" in refused(unfinished)
+
+
 def test_a_problem_with_another_comment_is_resumed(unfinished, whole):
     written(unfinished, "# the same motion\n" + POINT)
     assert resume(unfinished).exit_code == 0

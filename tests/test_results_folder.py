@@ -153,6 +153,16 @@ def test_the_page_shows_only_plans_that_belong_together(here):
     assert pages[0] == pages[1]
 
 
+def test_a_figure_that_a_question_does_not_draw_anew_is_moved_aside(here):
+    assert run(written(here, TOUCH), "--out", "out").exit_code == 0
+    figures = here / "out" / "horizon" / "figures"
+    figures.mkdir()
+    for name in ("redundancy.png", "errors.png", "mine.png"):
+        (figures / name).write_text(name)
+    assert verb("redundancy", "out", "--no-figures").exit_code == 0
+    assert sorted(files(figures)) == ["earlier/redundancy.png", "errors.png", "mine.png"]
+
+
 # --- texts of files --------------------------------------------------------------------------
 
 

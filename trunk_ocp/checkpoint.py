@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .checkpoint_file import COUNTERS, Stage, read_stages
+from .checkpoint_file import COUNTERS, Stage, read_unfinished
 from .errors import InputError
 from .files import write
 from .motion import Motion
@@ -29,6 +29,7 @@ from .solution import Plan
 FILE = "resume.npz"
 WORTH_LASTING = 1.0  # s of work that are worth the wait for a disk, lest a power cut take them
 SHOWN = 3  # changes told one by one
+LONGEST_KEY = 100  # characters
 
 
 class Checkpoint:
@@ -88,15 +89,15 @@ class Checkpoint:
                 "without --resume to start anew."
             )
         newest = self._newer if self._newer.exists() else self.path
-        found, seconds, self._found = read_stages(newest, motion, options)
-        changes = _changes(found, identity)
+        found = read_unfinished(newest, motion, options)
+        changes = _changes(found.identity, identity)
         if changes:
             raise InputError(
                 f"{self.path}: cannot be resumed, because {' and '.join(changes)}; expected the "
                 "same problem, anatomy, options and versions. Undo the change, or run without "
                 "--resume to start anew."
             )
-        self.seconds = seconds
+        self.seconds, self._found = found.stages(motion)
 
     def enter(self, work: Pass) -> tuple[State, np.ndarray | None]:
         """What the next pass has decided already, and the unknowns of its last window.
@@ -230,7 +231,7 @@ def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
         for number, pair in enumerate(zip(old, new, strict=True), 1):
             yield from _differences(*pair, f"{key}[{number}]")
     elif old != new:
-        yield f"{key}: {_short(old)} -> {_short(new)}"
+        yield f"{key[:LONGEST_KEY]}: {_short(old)} -> {_short(new)}"
 
 
 def _short(value: Any) -> str:

@@ -6,10 +6,12 @@ in JSON, and every number of the stages one after the other.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import struct
 import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,25 +53,49 @@ class Stage:
     failed: list[Solve] = field(default_factory=list)
 
 
-def read_stages(
-    path: Path, motion: Motion, options: Options
-) -> tuple[dict[str, Any], float, list[Stage]]:
-    """Identity, seconds spent and stages of a file that is to be of a plan of this motion.
+@dataclass(frozen=True)
+class Unfinished:
+    """What a file has: what its plan depends on, as it says, and what is not looked at yet."""
 
-    The identity is for the caller to compare; it is a table, and no more is known of it.
+    path: Path
+    identity: dict[str, Any]
+    progress: dict[str, Any]
+    values: np.ndarray
+
+    def stages(self, motion: Motion) -> tuple[float, list[Stage]]:
+        """Seconds spent and stages of a plan of this motion.
+
+        Raises
+        ------
+        InputError
+            If they are not of such a plan.
+        """
+        with _reading(self.path):
+            seconds = amount(self.progress["seconds"])
+            return seconds, _stages(self.progress, self.values, motion)
+
+
+def read_unfinished(path: Path, motion: Motion, options: Options) -> Unfinished:
+    """Read a file that is to be of a plan of this motion, which its identity tells.
 
     Raises
     ------
     InputError
-        If it is damaged, or not of such a plan.
+        If it is damaged, or larger than that of such a plan.
     """
     content = read_bytes(path, _most(motion, options))
-    try:
+    with _reading(path):
         identity, progress, values = _members(content)
-        told = table(json_of(_text(progress)))
-        stages = _stages(told, values, motion)
-        return table(json_of(_text(identity))), amount(told["seconds"]), stages
-    except Exception as error:  # a damaged file breaks its readers in ways of their own
+        depends, told = (table(json_of(_text(part))) for part in (identity, progress))
+        return Unfinished(path, depends, told, values)
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Any error within is the file's: damaged ones break their readers in ways of their own."""
+    try:
+        yield
+    except Exception as error:
         reason = printable(f"{error}")[:LONGEST_REASON]
         raise InputError(
             f"{path}: cannot be read as an unfinished run ({reason}); run without --resume to "

@@ -114,7 +114,8 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     path = Path(folder)
     path = path if path.name == SOLUTION and not path.is_dir() else path / SOLUTION
     try:
-        plan = restored(read_netcdf(read_bytes(path, LARGEST_FILE)))
+        with np.errstate(all="ignore"):  # numbers beyond all reason are the plan's status to tell
+            plan = restored(read_netcdf(read_bytes(path, LARGEST_FILE)))
     except Exception as error:  # a damaged file breaks its readers in ways of their own
         reason = printable(f"{error}")
         reason = reason if len(reason) <= LONGEST_REASON else reason[:LONGEST_REASON] + "..."

@@ -45,7 +45,7 @@ SECONDS = 1.0
 """Of processor time that reading a file may take."""
 MEGABYTES = 300.0
 """By which the memory of the process may grow, over all files."""
-PATIENCE = 60
+PATIENCE = 600
 """Seconds after which a case counts as one without end, and the run stops with a traceback."""
 
 PROBLEM = """
