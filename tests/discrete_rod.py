@@ -50,7 +50,7 @@ def chain(trunk, activation, load, shape, intervals):
     Z = np.linspace(0, trunk.length, intervals + 1)
     functions = _functions(trunk, activation, load, Z)
     frames = Rotation.from_matrix(shape.directors(Z).swapaxes(-1, -2))
-    q = frames.as_quat(scalar_first=True).T
+    q = _scalar_first(frames).T
     residuals = []
     for _ in range(8):
         residual, stiffness, bending = (part.full() for part in functions(q))
@@ -58,10 +58,8 @@ def chain(trunk, activation, load, shape, intervals):
         turn = np.linalg.solve(stiffness, -residual).reshape(-1, 3) / 2
         by = np.vstack([[1.0, 0, 0, 0], np.hstack([np.ones((intervals, 1)), turn])])
         by /= np.linalg.norm(by, axis=1, keepdims=True)
-        frames = Rotation.from_quat(q.T, scalar_first=True) * Rotation.from_quat(
-            by, scalar_first=True
-        )
-        q = frames.as_quat(scalar_first=True).T
+        frames = _rotation(q.T) * _rotation(by)
+        q = _scalar_first(frames).T
     assert residuals[-1] < 1e-9 * max(1.0, residuals[0])
     return Chain(stiffness, bending, residuals[0])
 
@@ -118,3 +116,13 @@ def _functions(trunk, activation, load, Z):
     return ca.Function(
         "chain", [q], [ca.substitute(part, eta, ca.DM.zeros(3, n)) for part in outputs]
     )
+
+
+def _scalar_first(rotation):
+    """Quaternions (..., 4) with the scalar first; as_quat has an option for it since SciPy 1.14."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
+
+
+def _rotation(q):
+    """Rotation of quaternions with the scalar first."""
+    return Rotation.from_quat(np.roll(q, -1, axis=-1))
