@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,9 +40,6 @@ from .screen import (
 from .solution import Plan, Status
 from .solver import check_linear_solver
 from .storage import save_diagnosis, save_plan, summary
-
-# Where it may not keep its settings it makes a folder for them; nobody needs to know.
-logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def run_solve(

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 import traceback
 import warnings
@@ -25,6 +26,9 @@ FAULT = 1
 BAD_INPUT = 2
 HERE = Path(__file__).parent
 UNTOLD = "Interrupted; nothing more was saved."
+
+# Where it may not keep its settings it makes a folder for them; nobody needs to know.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 class Command(click.Command):
