@@ -27,6 +27,9 @@ BAD_INPUT = 2
 HERE = Path(__file__).parent
 UNTOLD = "Interrupted; nothing more was saved."
 
+# Where it may not keep its settings it makes a folder for them; nobody needs to know.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
+
 
 class Command(click.Command):
     """A command that ends as this module says."""
@@ -79,7 +82,7 @@ def _ended(run: Callable[[], Any]) -> NoReturn:
         with contextlib.ExitStack() as stack:
             output = stack.enter_context(steady_streams())
             stack.enter_context(warnings.catch_warnings())
-            quiet_libraries()
+            _quiet_libraries()
             interrupts = Interrupts.current or stack.enter_context(Interrupts())
             ignore_at_exit()
             code = _code(run, interrupts)
@@ -92,12 +95,10 @@ def _ended(run: Callable[[], Any]) -> NoReturn:
     sys.exit(code)
 
 
-def quiet_libraries() -> None:
+def _quiet_libraries() -> None:
     """Leave out what libraries say to programmers, unless Python was asked for it with -W."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    # Where it may not keep its settings it makes a folder for them; nobody needs to know.
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def _code(run: Callable[[], Any], interrupts: Interrupts) -> int:
