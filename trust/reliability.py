@@ -52,11 +52,6 @@ a script and in a session, gets Ctrl-C at random moments, once, twice, or SIGTER
 must end with exit code 4 (or that of a run that was over), within a second of the second Ctrl-C,
 without a traceback, and no saved plan may say that it is finished where it is not.
 
-**Extreme trunks** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, from
-cylinders to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear.
-Each shape that statics finds, and each plan, is judged by scipy's two-point solver on equations
-written out once more: no wrong one may be called solved, no right one unverified.
-
 **Between time steps** ([trust/between.py](../trust/between.py)): the fruit motion at {between}
 instants against a two-point solution in scipy, with the loads that the paper prescribes.
 
