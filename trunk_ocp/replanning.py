@@ -110,7 +110,11 @@ class Replanner:
 
     def __getstate__(self) -> dict[str, Any]:
         """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
-        return {**self.__dict__, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
+        kept = {name: value for name, value in self.__dict__.items() if name != "_turn"}
+        return {**kept, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _turn=threading.Lock())
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)
