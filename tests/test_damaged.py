@@ -18,8 +18,9 @@ from trunk_ocp.storage import load_plan, save_plan
 from trust import damaged
 
 
-def test_damaged_files_are_refused_or_are_what_they_honestly_are():
-    """As many as fit into seconds of what `trust.damaged` tries by the thousand."""
+def test_damaged_files_are_refused_or_are_what_they_honestly_are(monkeypatch):
+    """A few of what `trust.damaged` tries by the thousand, and times on a quiet machine."""
+    monkeypatch.setattr(damaged, "SECONDS", float("inf"))
     report = damaged.run(120, seed=2)
     assert report["faults"] == []
     assert min(report["tried"].values()) > 40

@@ -79,7 +79,7 @@ def test_public_functions_hide_the_modules_of_their_names():
     ("words", "delays", "number"),
     [
         (("tables",), (0.02,), signal.SIGINT),  # amid the imports
-        (("schema",), (0.3,), signal.SIGTERM),
+        (("schema",), (0.05,), signal.SIGTERM),
         (("optima", "problem.toml", "--out", "new"), (2.5,), signal.SIGINT),
         (("optima", "problem.toml", "--out", "new"), (3.0, 0.0), signal.SIGINT),
         (("solve", "problem.toml", "--out", "new"), (1.0, 0.1), signal.SIGINT),

@@ -12,12 +12,14 @@ from click.testing import CliRunner
 from plans import POINT, TOUCH, first_steps, shipped, written
 from rich.console import Console
 from scipy.optimize import minimize
-from toys import C, shortening
+from toys import TRUNK, shortening
+from toys import C as SHORTENING
 
 from trunk_ocp import cli
 from trunk_ocp.comparison import DEFINITIONS, Measures, measure, reversals
 from trunk_ocp.errors import InputError
 from trunk_ocp.foresight import TRACKING_ONLY, Curve, equal_bounds, foresight, front, survey
+from trunk_ocp.motion import REFERENCE_LENGTH
 from trunk_ocp.parallel import run
 from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.reporting import Reporter
@@ -25,6 +27,7 @@ from trunk_ocp.screen import foresight_table
 from trunk_ocp.solution import Status
 from trunk_ocp.transcription import Weights
 
+C = SHORTENING * REFERENCE_LENGTH / TRUNK.length  # in the objective's units
 WEIGHTS = Weights(effort=1e-3, rate=1e-3)
 OPTIONS = Options(weights=WEIGHTS)
 WANTED = (0.0, -0.1, -0.8, -0.8, -0.1, -0.5)

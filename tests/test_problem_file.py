@@ -166,7 +166,7 @@ def test_invalid_toml_is_refused(tmp_path, text):
 def test_a_file_that_is_not_text_is_refused(tmp_path):
     path = tmp_path / "binary.toml"
     path.write_bytes(b"\xff\xfe\x00name")
-    with pytest.raises(InputError, match=r"binary\.toml.*not valid TOML"):
+    with pytest.raises(InputError, match=r"binary\.toml.*not UTF-8 text"):
         load_motion(path)
 
 

@@ -23,7 +23,8 @@ def scaled(value, size, key=None):
         return {name: scaled(entry, size, name) for name, entry in value.items()}
     if isinstance(value, list):
         return [scaled(entry, size, key) for entry in value]
-    return value * size ** POWERS[key] if key in POWERS and value is not None else value
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value * size ** POWERS[key] if number and key in POWERS else value
 
 
 def model(name: str, size: float) -> Motion:

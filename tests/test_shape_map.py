@@ -573,7 +573,7 @@ def test_a_compressed_shape_is_refused():
     trunk = thin_tipped(0.0, 0.1, 0.0)
     area, passive = math.pi * trunk.base_radius**2 * trunk.youngs_modulus, np.zeros(2)
     load = Loads(0.0, (0.0, 0.0, -1.6 * area))  # would leave -0.6 of the length
-    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
+    with pytest.raises(StaticsError, match="squeezed to nothing") as caught:
         ShapeMap(trunk, load)(passive)
     assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
     assert not ShapeMap(trunk, load, strict=False)(passive).found

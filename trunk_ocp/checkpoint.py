@@ -163,6 +163,12 @@ class Checkpoint:
         InputError
             If what has its name is something else.
         """
+        folder = self.path.parent
+        if folder.exists() and not folder.is_dir():
+            raise InputError(
+                f"{folder}: is a file where results would go; move it away, or name another "
+                "folder with --out."
+            )
         there = [path for path in (self._newer, self.path) if os.path.lexists(path)]
         for path in there:
             if not _is_ours(path):

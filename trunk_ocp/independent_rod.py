@@ -176,6 +176,8 @@ def dop853(
     most: int = MOST_SLOPES,
 ) -> np.ndarray | None:
     """Values (points, n) at sorted points; None where there is no end to it, or no number."""
+    if not np.all(np.isfinite(start)):
+        return None
     calls = itertools.count(1)
 
     def counted(Z: float, y: np.ndarray) -> np.ndarray:

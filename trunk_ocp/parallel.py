@@ -140,7 +140,7 @@ def finished(
 
 def _submitted(pool: ProcessPoolExecutor, jobs: Sequence[Job[T]]) -> dict[Future[T], int] | None:
     """Futures of jobs and their numbers; None if there is no room for a process or a thread."""
-    with _main_left_alone(jobs):
+    with _main_left_alone(jobs), _interrupts_kept():
         try:
             return {pool.submit(function, *given): n for n, (function, given) in enumerate(jobs)}
         except (OSError, RuntimeError):
@@ -210,6 +210,22 @@ def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = main
+
+
+@contextmanager
+def _interrupts_kept() -> Iterator[None]:
+    """Processes that start meanwhile never see Ctrl-C, not even amid their imports.
+
+    It reaches every process of a terminal at once; this one answers for all, after the block.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _threads: list[Any] = []  # of a process that works: keeps it at one thread until it ends

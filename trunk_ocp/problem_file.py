@@ -10,6 +10,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
+from annotated_types import MaxLen, MinLen
 from pydantic import Field, PositiveInt, model_validator
 
 from .reading import NonNegative, Number, Pair, Positive, Strict, Text
@@ -40,17 +41,13 @@ class HeldSpec(Strict):
 
 Direction = Vec3 | HeldSpec
 
-WayPoint = Annotated[tuple[Number, ...], Field(min_length=3, max_length=4)]
+WayPoint = Annotated[tuple[Number, ...], MinLen(3), MaxLen(4)]
 """[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
-WayPoints = Annotated[
-    tuple[WayPoint, ...],
-    Field(
-        min_length=2,
-        max_length=MOST_WAY_POINTS,
-        description="way points on a smooth curve, followed over the phase: rows [t, x, y, z] "
-        "with t in s from the phase's start, or [x, y, z] at equal times",
-    ),
-]
+WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MOST_WAY_POINTS)]
+THROUGH = (
+    "way points on a smooth curve, followed over the phase: rows [t, x, y, z] with t in s from "
+    "the phase's start, or [x, y, z] at equal times"
+)
 
 
 def _check_rows(rows: tuple[WayPoint, ...]) -> None:
@@ -85,7 +82,7 @@ class TargetSpec(Strict):
             "meets the first and the last only",
         ),
     ] = None
-    through: WayPoints | None = None
+    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
     origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
     position_weight: NonNegative = 1.0
     d1: Direction | None = None
@@ -119,7 +116,7 @@ class WrapSpec(Strict):
     angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
     center: Vec3 | None = None
     path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MOST_CONTROLS)] = None
-    through: WayPoints | None = None
+    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
     origin: Origin = "base"
     position_weights: tuple[NonNegative, ...]
     d3_weights: tuple[NonNegative, ...]

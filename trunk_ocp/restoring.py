@@ -6,6 +6,7 @@ claim of the file: `Plan.status` finds out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,8 @@ from .transcription import Weights
 
 MOST_NODES = 800
 """Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
-LONGEST_SPEC = 8_000_000  # characters of a problem or an anatomy in JSON
+LONGEST_SPEC = 2_000_000
+"""Characters of a problem or an anatomy in JSON: twice what the largest TOML file makes."""
 
 
 def restored(contents: Contents) -> Plan:
@@ -86,10 +88,17 @@ def check_size(mesh: Mesh) -> None:
         )
 
 
+def check_texts(texts: Sequence[str]) -> None:
+    """Raise InputError unless problem and anatomy in JSON are as short as a plan may have them."""
+    if max(map(len, texts)) > LONGEST_SPEC:
+        raise InputError(
+            f"its problem or anatomy is too large; expected at most {LONGEST_SPEC:,} characters"
+        )
+
+
 def _motion(attributes: dict[str, Any]) -> Motion:
     texts = [words(attributes[f"{name}_json"]) for name in ("problem", "anatomy")]
-    if max(map(len, texts)) > LONGEST_SPEC:
-        raise InputError("its problem or anatomy is too large")
+    check_texts(texts)
     spec = ProblemSpec.model_validate_json(texts[0])
     anatomy = AnatomySpec.model_validate_json(texts[1])
     for name, part in (("problem", spec), ("anatomy", anatomy)):

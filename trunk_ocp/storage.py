@@ -29,7 +29,7 @@ from .netcdf import read_netcdf
 from .provenance import fingerprint
 from .reading import printable, read_bytes
 from .records import fits
-from .restoring import check_size, restored
+from .restoring import check_size, check_texts, restored
 from .solution import Plan, Status
 from .solver import Solve
 from .threads import one_thread
@@ -89,6 +89,7 @@ def _check_saving(plan: Plan) -> None:
         )
     try:
         check_size(plan.mesh)
+        check_texts([part.model_dump_json() for part in (plan.motion.spec, plan.motion.anatomy)])
     except InputError as error:
         raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
 
