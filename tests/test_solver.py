@@ -181,3 +181,139 @@ def test_a_plan_of_a_part_is_marked(plan):
     late = replace(plan, late=True)
     assert late.status is to.Status.TIME_LIMIT
     assert late.status.exit_code == 3
+
+
+# --- signals -----------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="a system without timers")
+def test_no_signal_is_lost_and_no_handler_left_over():
+    """Two thousand short blocks under a storm of timers: each signal is raised, none is left."""
+    raised = 0
+
+    def ring(number, frame):
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, ring)
+    interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        for _ in range(2000):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, 1e-4)
+                while True:
+                    with deferred_interrupts():
+                        sum(range(20))
+            except TimeoutError:
+                raised += 1
+        assert raised == 2000
+        with deferred_interrupts():  # nothing of them comes up later
+            pass
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert signal.getsignal(signal.SIGINT) is interrupt
+
+
+def test_a_handler_that_puts_another_in_its_place_stays_deferred():
+    came = []
+
+    def first(number, frame):
+        came.append("first")
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGINT, first)
+    try:
+        with pytest.raises(KeyboardInterrupt), deferred_interrupts():  # noqa: PT012
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            came.append("end of the block")
+        assert came == ["first", "end of the block"]
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_an_inner_block_raises_what_came_and_the_outer_one_does_not_again():
+    with deferred_interrupts():
+        with pytest.raises(KeyboardInterrupt), deferred_interrupts():
+            signal.raise_signal(signal.SIGINT)
+        handled = True
+    assert handled
+
+
+def test_a_reporter_may_plan_and_handle_what_fails(motion):
+    class Planner(to.Reporter):
+        asked = False
+
+        def iteration(self, progress):
+            if not self.asked:
+                self.asked = True
+                with pytest.raises(LookupError):
+                    to.plan_motion(motion, 1, reporter=Faulty(LookupError()))
+
+    plan = to.plan_motion(motion, 1, reporter=Planner())
+    assert plan.status is to.Status.SOLVED
+
+
+class Faulty(to.Reporter):
+    def __init__(self, error):
+        self.error = error
+
+    def iteration(self, progress):
+        raise self.error
+
+
+def test_any_exception_of_a_reporter_comes_as_it_is(motion):
+    with pytest.raises(StopIteration):
+        to.plan_motion(motion, 1, reporter=Faulty(StopIteration()))
+
+
+# --- re-plans ----------------------------------------------------------------------------
+
+
+def test_a_reporter_cannot_ask_its_own_replanner(motion, plan):
+    class Asking(to.Reporter):
+        again = None
+
+        def iteration(self, progress):
+            if self.again is not None:
+                self.again(motion)
+
+    reporter = Asking()
+    reporter.again = again = to.Replanner(plan, reporter=reporter)
+    with pytest.raises(to.InputError, match="at work"):
+        again(motion)
+    reporter.again = None
+    assert again(motion).status is to.Status.SOLVED
+
+
+def test_an_unreachable_target_spoils_no_later_replan(motion, plan):
+    again = to.Replanner(plan)
+    again(motion.shifted((0.6, 0.0, 0.0)), throw=False)
+    for _ in range(2):
+        assert again(motion).status is to.Status.SOLVED
+    assert len(again._optimiser.solves) == 1
+
+
+# --- plans that are cut short ------------------------------------------------------------
+
+
+class Stopping(to.Reporter):
+    def note(self, text):
+        self.stop = "too coarse" in text
+
+
+def test_a_stop_before_a_finer_mesh_keeps_the_plan_there_is(motion):
+    """On a mesh that is too coarse, stopped as soon as the finer one is spoken of."""
+    coarse = to.Options(elements=1, degree=3)
+    plan = to.plan_motion(motion, 1, coarse, Stopping(), throw=False)
+    assert plan.status is to.Status.INTERRUPTED
+    assert len(plan.x) == len(motion.steps)
+
+
+def test_a_plan_out_of_time_is_of_the_motion_that_was_asked(motion, plan):
+    moved = motion.shifted((0.0, 0.5, 0.0))
+    late = to.plan_motion(moved, start=plan, deadline=1e-9, throw=False)
+    assert late.motion is moved
+    assert late.status is to.Status.TIME_LIMIT
+    assert late.missed

@@ -9,65 +9,113 @@ handler may run before its first line.
 
 from __future__ import annotations
 
-import contextlib
+import functools
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from types import FrameType
+from types import FrameType, TracebackType
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Handler = Callable[[int, FrameType | None], Any]
+SIGNALS = sorted(signal.valid_signals())
 
 
 @dataclass
-class Deferred:
-    """What is to be raised at the end of the block; native code should end soon if there is any."""
+class _Shared:
+    """What the blocks around one another share; handlers act as ever unless it is active."""
 
+    active: bool = False
     error: BaseException | None = None
 
 
-_active: list[Deferred] = []  # of the main thread, the only one in which handlers run
+class _Answer:
+    """A signal handler in place of another, whose exceptions it keeps while a block is active."""
 
+    def __init__(self, number: int, before: Handler, shared: _Shared) -> None:
+        self.number, self.before, self.shared = number, before, shared
 
-@contextlib.contextmanager
-def deferred_interrupts() -> Iterator[Deferred]:
-    """Block, or function, in which no handler of Ctrl-C raises.
-
-    What it would have raised is raised at the end of the block, or of a block inside it, whichever
-    comes first. Handlers that do not raise work as ever. In other threads than the main one a
-    block only raises what is put into `Deferred.error`.
-    """
-    in_main = threading.current_thread() is threading.main_thread()
-    outer = _active[0] if in_main and _active else None
-    deferred = outer or Deferred()
-    with contextlib.nullcontext() if outer or not in_main else _holding(deferred):
-        yield deferred
-    if deferred.error is not None:
-        raise deferred.error
-
-
-@contextlib.contextmanager
-def _holding(deferred: Deferred) -> Iterator[None]:
-    """Block in which what the present handler raises goes to `deferred`, and is raised if need be.
-
-    An error of the block itself gives way to it: it may be what CasADi has made of it.
-    """
-    before = signal.getsignal(signal.SIGINT)
-    if not callable(before):  # ignored, or left to the system
-        yield
-        return
-
-    def answer(number: int, frame: FrameType | None) -> None:
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if not self.shared.active:  # left over from a block that a signal kept from its end
+            self.before(number, frame)
+            return
         try:
-            before(number, frame)
+            self.before(number, frame)
         except BaseException as error:
-            deferred.error = deferred.error or error
+            self.shared.error = self.shared.error or error
+        own = signal.getsignal(number)
+        if own is not self and callable(own):  # as "press again to quit" does
+            self.before = own
+            signal.signal(number, self)
 
-    _active.append(deferred)
-    signal.signal(signal.SIGINT, answer)
-    try:
-        yield
-    finally:
-        if signal.getsignal(signal.SIGINT) is answer:  # else `before` has set another
-            signal.signal(signal.SIGINT, before)
-        _active.clear()
-        if deferred.error is not None:
-            raise deferred.error
+
+class deferred_interrupts:  # noqa: N801 - used like contextlib's
+    """Block, or function, in which no signal handler raises.
+
+    What one would have raised is raised at the end of the block, or of a block inside it, whichever
+    comes first. Handlers that do not raise work as ever. In threads other than the main one, where
+    no handler runs, a block only raises what is put into its `error`.
+
+    Attributes
+    ----------
+    error : BaseException or None
+        Of the block's own code, such as a callback: raised at its end as well.
+    """
+
+    def __init__(self) -> None:
+        self.error: BaseException | None = None
+        self._shared = _Shared()
+        self._answers: list[_Answer] = []
+
+    @property
+    def pending(self) -> bool:
+        """Whether something is to be raised; native code should come to its end."""
+        return self.error is not None or self._shared.error is not None
+
+    def __enter__(self) -> deferred_interrupts:
+        if threading.current_thread() is not threading.main_thread():
+            return self
+        handlers = [(number, signal.getsignal(number)) for number in SIGNALS]
+        for _, handler in handlers:
+            if isinstance(handler, _Answer) and handler.shared.active:
+                self._shared = handler.shared  # a block around this one has seen to it
+                return self
+        for number, handler in handlers:
+            while isinstance(handler, _Answer):  # left over
+                handler = handler.before
+            if callable(handler):
+                answer = _Answer(number, handler, self._shared)
+                self._answers.append(answer)
+                signal.signal(number, answer)
+        self._shared.active = True
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._answers:
+            self._shared.active = False
+        for answer in self._answers:
+            installed: Any = signal.getsignal(answer.number)
+            if installed is answer:  # else its handler has set another
+                signal.signal(answer.number, answer.before)
+        own, shared, self._shared.error = self.error, self._shared.error, None
+        # An error of the block itself gives way: it may be what CasADi has made of it.
+        for found in (shared, own):
+            if found is not None:
+                raise found
+
+    def __call__(self, function: Callable[P, T]) -> Callable[P, T]:
+        """The function in a block of its own at each call."""
+
+        @functools.wraps(function)
+        def guarded(*args: P.args, **extra: P.kwargs) -> T:
+            with deferred_interrupts():
+                return function(*args, **extra)
+
+        return guarded

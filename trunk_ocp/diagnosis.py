@@ -15,7 +15,6 @@ import numpy as np
 
 from .activation import strains
 from .anatomy import Trunk
-from .deferred_signals import deferred_interrupts
 from .free_choices import held_heads, one_sided
 from .motion import allowed
 from .postoptimal import Response, responses
@@ -91,7 +90,6 @@ class Diagnosis:
         }
 
 
-@deferred_interrupts()
 @one_thread()
 def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> Diagnosis:
     """Why a plan is what it is.

@@ -95,7 +95,6 @@ class State:
     converged: bool = True
 
 
-@deferred_interrupts()
 @one_thread()
 def plan_motion(
     motion: Motion,
@@ -150,6 +149,11 @@ def plan_motion(
     ends = began + seconds_allowed(deadline)
     if start is not None and start.motion.trunk != motion.trunk:
         raise InputError("start: expected a plan of the same trunk.")
+    if start is not None and len(start.x) > len(motion.steps):
+        raise InputError(
+            f"start: has {len(start.x)} time steps; expected at most the motion's, "
+            f"{len(motion.steps)}."
+        )
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     few = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimiser(options.linear_solver, few, reporter, ROUGH, ends)
@@ -163,24 +167,24 @@ def plan_motion(
         start = Pass(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     if (reporter.stop or optimiser.late) and start is not None:
         how = "interrupted" if reporter.stop else "out of time"
-        note = f"{how} before the horizon's own solve; this is the plan it starts from"
-        plan = replace(
-            start,
-            mode=mode,
-            lookahead=lookahead,
-            interrupted=reporter.stop,
-            late=not reporter.stop,
-            notes=(note,),
-        )
+        whole = len(start.x) == len(motion.steps)
+        what = "the plan it starts from" if whole else "a part of the plan it would start from"
+        note = f"{how} before the horizon's own solve; this is {what}"
+        kept = replace(start, motion=motion, mode=mode, lookahead=lookahead, notes=(note,))
+        plan = _cut_short(kept, reporter)
     else:
         plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint).run()
         for _ in range(REFINEMENTS):
             if not plan.converged or not plan.verification.too_coarse or plan.cut_short:
                 break
+            if reporter.stop or optimiser.late:
+                plan = _cut_short(plan, reporter)
+                break
             mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)
             reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
             again = plan if mode != "sequential" else None
-            plan = Pass(motion, mesh, mode, lookahead, options, optimiser, again, checkpoint).run()
+            finer = Pass(motion, mesh, mode, lookahead, options, optimiser, again, checkpoint).run()
+            plan = finer if len(finer.x) == len(plan.x) else _cut_short(plan, reporter)
     parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
     plan = replace(
         plan,
@@ -198,6 +202,11 @@ def plan_motion(
     )
     plan = replace(plan, notes=(*plan.notes, *plan.verification.doubts))
     return plan.checked() if throw else plan
+
+
+def _cut_short(plan: Plan, reporter: Reporter) -> Plan:
+    """The plan, marked as what was there when the user or the deadline ended it."""
+    return replace(plan, interrupted=reporter.stop, late=not reporter.stop)
 
 
 def seconds_allowed(deadline: float | None) -> float:
@@ -230,7 +239,6 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
 
 
-@deferred_interrupts()
 def plan_from(
     motion: Motion,
     x: np.ndarray,
@@ -297,6 +305,7 @@ class Pass:
         """Whether the user asked to stop, or the deadline has passed."""
         return self.optimiser.reporter.stop or self.optimiser.late
 
+    @deferred_interrupts()
     def run(self) -> Plan:
         """Solve all windows, one after the other."""
         state, count = State(), len(self.motion.steps)

@@ -46,7 +46,7 @@ class Replanner:
         if len(plan.x) != len(plan.motion.steps) or not plan.converged:
             raise InputError("plan: expected a converged plan of all time steps.")
         options = options or Options()
-        self._turn = threading.Lock()
+        self._turn, self._at_work = threading.RLock(), False
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimiser = Optimiser(
@@ -57,12 +57,12 @@ class Replanner:
         start = window.pack(plan.x, plan.shape)
         self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
 
-    @deferred_interrupts()
     def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
 
-        Threads take turns. A re-plan that runs out of time or iterations returns the newest
-        iterate, which need not keep every bound; the next one starts from the last that converged.
+        Threads take turns. Each re-plan starts from the last one that reached its targets, or else
+        from the plan that was given. One that runs out of time or iterations returns its newest
+        iterate, which need not keep every bound.
 
         throw : whether a plan that is not solved raises, as in `plan_motion`.
         deadline : seconds after which no iteration begins, as in `plan_motion`.
@@ -72,49 +72,60 @@ class Replanner:
         PlanError
             If the plan is not solved; the error has the plan.
         InputError
-            If the motion has another structure; plan it anew with `plan_motion`.
+            If the motion has another structure; plan it anew with `plan_motion`. If a reporter asks
+            the re-planner that it reports on.
         """
         ends = time.perf_counter() + seconds_allowed(deadline)
-        with self._turn, one_thread():
-            plan = self._replan(motion, ends)
+        with self._turn:
+            if self._at_work:
+                raise InputError("this Replanner is at work; a reporter needs one of its own.")
+            self._at_work = True
+            try:
+                plan = self._replan(motion, ends)
+            finally:
+                self._at_work = False
         return plan.checked() if throw else plan
 
+    @deferred_interrupts()
+    @one_thread()
     def _replan(self, motion: Motion, ends: float) -> Plan:
         began = time.perf_counter()
-        self._optimiser.deadline = ends
-        solve, derivatives = self._optimiser.solve_seconds, self._optimiser.derivative_seconds
+        optimiser, last = self._optimiser, self._last
+        optimiser.deadline = ends
+        solve, derivatives = optimiser.solve_seconds, optimiser.derivative_seconds
         window, planner = self._window(motion)
         if window.structure != self._structure:
             raise InputError(
                 f"{motion.name}: differs from the planned motion in more than numbers; expected "
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
-        last = self._last
-        outcome = self._optimiser.solve(
+        outcome = optimiser.solve(
             window, last.full, "horizon", "re-plan", last.multipliers, newest=True
         )
-        if outcome.converged:
+        if outcome.converged and window.reached(outcome.full):
             self._last = outcome
         state = State()
         planner.keep(window, outcome, len(motion.steps), state)
+        del optimiser.solves[:-1]  # else a control loop would keep them all
         return replace(
             planner.plan(state),
             versions=versions(),
             options=asdict(self._options),
             iterations=outcome.iterations,
-            solve_seconds=self._optimiser.solve_seconds - solve,
-            derivative_seconds=self._optimiser.derivative_seconds - derivatives,
+            solve_seconds=optimiser.solve_seconds - solve,
+            derivative_seconds=optimiser.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
-            solves=tuple(self._optimiser.solves[-1:]),
+            solves=tuple(optimiser.solves),
         )
 
     def __getstate__(self) -> dict[str, Any]:
         """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
         kept = {name: value for name, value in self.__dict__.items() if name != "_turn"}
+        kept["_at_work"] = False
         return {**kept, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _turn=threading.Lock())
+        self.__dict__.update(state, _turn=threading.RLock())
 
     def _window(self, motion: Motion) -> tuple[Window, Pass]:
         count = len(motion.steps)

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from .deferred_signals import Deferred, deferred_interrupts
+from .deferred_signals import deferred_interrupts
 from .errors import SolverMissingError
 from .reporting import Progress, Reporter
 from .transcription import Window
@@ -168,6 +168,7 @@ class Optimiser:
         """Whether the deadline has passed."""
         return time.perf_counter() > self.deadline
 
+    @deferred_interrupts()
     def solve(
         self,
         window: Window,
@@ -230,6 +231,7 @@ class Optimiser:
             point.multipliers,
         )
 
+    @deferred_interrupts()
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
         """Objective and infeasibility, bounds on variables included, of a given vector."""
         solver, _ = self._solver(window)
@@ -241,6 +243,7 @@ class Optimiser:
         )
         return Outcome(full, float(f), violation, 0, KEPT)
 
+    @deferred_interrupts()
     def derivatives(self, window: Window, outcome: Outcome) -> Derivatives:
         """First and second derivatives of a window's programme at an optimum."""
         solver, _ = self._solver(window)
@@ -340,7 +343,7 @@ class _Watch(ca.Callback):
         detail: str,
         reporter: Reporter,
         deadline: float,
-        deferred: Deferred,
+        deferred: deferred_interrupts,
     ) -> None:
         self._window, self._stage, self._detail = window, stage, detail
         self._reporter, self._deadline, self._deferred = reporter, deadline, deferred
@@ -368,7 +371,8 @@ class _Watch(ca.Callback):
             stop = self._look(arguments)
         except BaseException as error:  # lost on its way through CasADi, if it left here
             self._deferred.error = self._deferred.error or error
-        return [int(self._deferred.error is not None or stop)]
+            stop = True
+        return [int(self._deferred.pending or stop)]
 
     def _look(self, arguments: Sequence[ca.DM]) -> bool:
         """Report an iterate; whether it shall be the last."""

@@ -32,7 +32,6 @@ import numpy as np
 from .activation import intrinsic_strain, mean_extension, stiffness, strains
 from .anatomy import check_activation
 from .collocation import Mesh, gauss
-from .deferred_signals import deferred_interrupts
 from .errors import InputError
 from .loads import Loads, internal_force
 from .statics import Shape
@@ -63,7 +62,6 @@ class Stability:
         return np.asarray(self.margin > NEUTRAL)
 
 
-@deferred_interrupts()
 def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> Stability:
     """Stability of equilibria (...) as `solve_statics` returned them for the other arguments.
 

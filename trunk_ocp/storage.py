@@ -21,7 +21,6 @@ import numpy as np
 import xarray as xr
 
 from .built import as_built
-from .deferred_signals import deferred_interrupts
 from .diagnosis import Diagnosis
 from .errors import InputError
 from .files import replacing, write
@@ -54,7 +53,6 @@ UNITS = {
 """Of the numbers in `summary`."""
 
 
-@deferred_interrupts()
 @one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is made if need be; each file whole or not at all.

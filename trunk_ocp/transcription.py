@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from .activation import segment_fractions, strains
 from .assembly import Assembly, Block
 from .collocation import Mesh
+from .deferred_signals import deferred_interrupts
 from .loads import Loads
 from .motion import Motion, Step
 from .rod import point_parameters
@@ -80,6 +81,7 @@ class Window:
     offset : number of the first step of the window in the motion, from 0.
     """
 
+    @deferred_interrupts()
     def __init__(
         self,
         motion: Motion,

@@ -14,7 +14,6 @@ import numpy as np
 
 from .activation import intrinsic_strain, mean_extension, stiffness, strains
 from .anatomy import Trunk
-from .deferred_signals import deferred_interrupts
 from .independent_rod import Trajectory, integrate
 from .loads import Loads, internal_force
 from .motion import Motion, allowed
@@ -136,7 +135,6 @@ def _nan_high(values: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(values), np.inf, values)
 
 
-@deferred_interrupts()
 @one_thread()
 @np.errstate(all="ignore")  # what overflows ends as a fault
 def verify(
