@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +79,7 @@ def run_solve(
                 if not len(plans[0].x):
                     raise KeyboardInterrupt  # before the first step: what is saved stays
                 plans = [
-                    replace(plan, options=plan.options | {"command": command}) for plan in plans
+                    plan.recorded(options=plan.options | {"command": command}) for plan in plans
                 ]
                 aside = set_aside(
                     folder, [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]

@@ -147,13 +147,7 @@ def plan_motion(
     options, reporter = options or Options(), reporter or Reporter()
     mode, lookahead = mode_of(motion, lookahead)
     ends = began + seconds_allowed(deadline)
-    if start is not None and start.motion.trunk != motion.trunk:
-        raise InputError("start: expected a plan of the same trunk.")
-    if start is not None and len(start.x) > len(motion.steps):
-        raise InputError(
-            f"start: has {len(start.x)} time steps; expected at most the motion's, "
-            f"{len(motion.steps)}."
-        )
+    _check_start(start, motion)
     optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     few = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimiser(options.linear_solver, few, reporter, ROUGH, ends)
@@ -165,29 +159,13 @@ def plan_motion(
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
         start = Pass(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
-    if (reporter.stop or optimiser.late) and start is not None:
-        how = "interrupted" if reporter.stop else "out of time"
-        whole = len(start.x) == len(motion.steps)
-        what = "the plan it starts from" if whole else "a part of the plan it would start from"
-        note = f"{how} before the horizon's own solve; this is {what}"
-        kept = replace(start, motion=motion, mode=mode, lookahead=lookahead, notes=(note,))
-        plan = _cut_short(kept, reporter)
+    own = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint)
+    if own.stopped and start is not None:
+        plan = _instead(start, own)
     else:
-        plan = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint).run()
-        for _ in range(REFINEMENTS):
-            if not plan.converged or not plan.verification.too_coarse or plan.cut_short:
-                break
-            if reporter.stop or optimiser.late:
-                plan = _cut_short(plan, reporter)
-                break
-            mesh = mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)
-            reporter.note(f"The mesh was too coarse; planning again with {mesh.elements} elements.")
-            again = plan if mode != "sequential" else None
-            finer = Pass(motion, mesh, mode, lookahead, options, optimiser, again, checkpoint).run()
-            plan = finer if len(finer.x) == len(plan.x) else _cut_short(plan, reporter)
+        plan = _on_finer_meshes(own.run(), own)
     parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
-    plan = replace(
-        plan,
+    plan = plan.recorded(
         iterations=sum(part.iterations for part in parts),
         setup_seconds=sum(part.setup_seconds for part in parts),
         solve_seconds=sum(part.solve_seconds for part in parts),
@@ -199,14 +177,55 @@ def plan_motion(
         solves=(*(given.solves if given else ()), *rough.solves, *optimiser.solves),
         versions=versions(),
         options=asdict(options),
+        notes=(*plan.notes, *plan.verification.doubts),
     )
-    plan = replace(plan, notes=(*plan.notes, *plan.verification.doubts))
     return plan.checked() if throw else plan
 
 
-def _cut_short(plan: Plan, reporter: Reporter) -> Plan:
+def _check_start(start: Plan | None, motion: Motion) -> None:
+    """Raise InputError for a plan that a plan of this motion cannot start from."""
+    if start is None:
+        return
+    if start.motion.trunk != motion.trunk:
+        raise InputError("start: expected a plan of the same trunk.")
+    if len(start.x) > len(motion.steps):
+        raise InputError(
+            f"start: has {len(start.x)} time steps; expected at most the motion's, "
+            f"{len(motion.steps)}."
+        )
+
+
+def _instead(start: Plan, own: Pass) -> Plan:
+    """The plan that a horizon starts from, where there was no time for the horizon itself."""
+    how = "interrupted" if own.optimiser.reporter.stop else "out of time"
+    whole = len(start.x) == len(own.motion.steps)
+    what = "the plan it starts from" if whole else "a part of the plan it would start from"
+    note = f"{how} before the horizon's own solve; this is {what}"
+    kept = replace(start, motion=own.motion, mode=own.mode, lookahead=own.lookahead, notes=(note,))
+    return _cut_short(kept, own)
+
+
+def _on_finer_meshes(plan: Plan, own: Pass) -> Plan:
+    """The plan, made again on finer meshes where its check asks for them."""
+    mesh = own.mesh
+    for _ in range(REFINEMENTS):
+        if not plan.converged or not plan.verification.too_coarse or plan.cut_short:
+            break
+        if own.stopped:
+            return _cut_short(plan, own)
+        mesh = mesh_for(own.motion.trunk, own.motion.contact_from, 2 * mesh.elements, mesh.degree)
+        told = f"The mesh was too coarse; planning again with {mesh.elements} elements."
+        own.optimiser.reporter.note(told)
+        again = plan if own.mode != "sequential" else None
+        finer = replace(own, mesh=mesh, start=again).run()
+        plan = finer if len(finer.x) == len(plan.x) else _cut_short(plan, own)
+    return plan
+
+
+def _cut_short(plan: Plan, own: Pass) -> Plan:
     """The plan, marked as what was there when the user or the deadline ended it."""
-    return replace(plan, interrupted=reporter.stop, late=not reporter.stop)
+    stop = own.optimiser.reporter.stop
+    return plan.recorded(interrupted=stop, late=not stop)
 
 
 def seconds_allowed(deadline: float | None) -> float:

@@ -234,6 +234,13 @@ class Plan:
             return min((solve for solve in same if not solve.converged), key=rank, default=None)
         return None
 
+    def recorded(self, **record: Any) -> Plan:
+        """The same plan with another record of how it was made; what was checked is kept."""
+        plan = replace(self, **record)
+        kept = ("verification", "stability", "errors")
+        vars(plan).update({name: vars(self)[name] for name in kept if name in vars(self)})
+        return plan
+
     def checked(self) -> Plan:
         """The plan itself, if it is solved and verified.
 
