@@ -90,6 +90,7 @@ class Checkpoint:
             )
         newest = self._newer if self._newer.exists() else self.path
         found = read_unfinished(newest, motion, options)
+        self._own_files()  # the other one as well, which `save` replaces
         changes = _changes(found.identity, identity)
         if changes:
             raise InputError(
@@ -163,6 +164,11 @@ class Checkpoint:
         InputError
             If what has its name is something else.
         """
+        for path in self._own_files():
+            path.unlink(missing_ok=True)
+
+    def _own_files(self) -> list[Path]:
+        """The file and its successor, as far as they are there; InputError for what is no such."""
         folder = self.path.parent
         if folder.exists() and not folder.is_dir():
             raise InputError(
@@ -176,8 +182,7 @@ class Checkpoint:
                     f"{path}: is not a file of an unfinished run, which would be replaced; move it "
                     "away, or name another folder with --out."
                 )
-        for path in there:
-            path.unlink(missing_ok=True)
+        return there
 
 
 def _is_ours(path: Path) -> bool:

@@ -37,7 +37,7 @@ END = struct.Struct("<4s4H2LH")  # of a zip archive without a comment
 LONGEST_REASON = 300  # characters
 
 
-@dataclass
+@dataclass(eq=False)
 class Stage:
     """A pass as far as it has come: how it was made, what it has decided, what it has cost.
 
@@ -53,7 +53,7 @@ class Stage:
     failed: list[Solve] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Unfinished:
     """What a file has: what its plan depends on, as it says, and what is not looked at yet."""
 

@@ -34,8 +34,12 @@ a motion and its scale model have the same optimum."""
 
 TOLERANCE = 0.02  # m, of positions for the reference trunk; the default
 
+MOST_MATCHES = 1_000_000
+"""Muscles times patterns of a problem's bounds: half a second's work, and all there is to say."""
+MOST_SHOWN, LONGEST_SHOWN = 100, 200  # muscles in a message, and characters of a pattern
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Box:
     """Lower and upper bounds on the unknowns x = (activations, psi_Z, psi_Y) of a step."""
 
@@ -61,7 +65,7 @@ class Auxiliary:
         return math.isfinite(self.activation_deviation) or math.isfinite(self.head_deviation)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """One time step T: when, what is asked, what loads act, what is allowed.
 
@@ -89,7 +93,7 @@ class Phase:
     interpolation: str
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Motion:
     """A motion to plan. Time step 0 is the passive trunk: x = 0 under weight alone."""
 
@@ -278,13 +282,14 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     """
     trunk = build_trunk(anatomy)
     targets = all_targets(spec, trunk)
-    whole = _box(trunk, spec.bounds, None, "bounds")
+    named = _named(spec, trunk)
+    whole = _box(trunk, spec.bounds, named, None, "bounds")
     steps: list[Step] = []
     phases: list[Phase] = []
     start = 0.0
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
-        box = _box(trunk, phase.bounds, whole, f"{where}.bounds")
+        box = _box(trunk, phase.bounds, named, whole, f"{where}.bounds")
         for i in range(1, phase.steps + 1):
             first = len(steps)
             steps.append(
@@ -306,7 +311,41 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
 
 
-def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
+def _named(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
+    """Indices of the muscles that each pattern of a problem's bounds names.
+
+    Raises
+    ------
+    InputError
+        If there are too many patterns for that many muscles.
+    """
+    limits = (spec.bounds, *(phase.bounds for phase in spec.phases))
+    patterns = {pattern for part in limits for pattern in part.muscles}
+    if len(patterns) * len(trunk.muscles) > MOST_MATCHES:
+        raise InputError(
+            f"bounds.muscles: {len(patterns):,} different names and patterns in all phases for "
+            f"{len(trunk.muscles):,} muscles; expected at most "
+            f"{MOST_MATCHES // len(trunk.muscles):,}. Let a pattern stand for several muscles."
+        )
+    return {
+        pattern: np.flatnonzero([fnmatch.fnmatchcase(name, pattern) for name in trunk.muscles])
+        for pattern in patterns
+    }
+
+
+def _listed(muscles: tuple[str, ...]) -> str:
+    """Names of muscles, as many as one reads."""
+    more = f" and {len(muscles) - MOST_SHOWN:,} more" if len(muscles) > MOST_SHOWN else ""
+    return ", ".join(muscles[:MOST_SHOWN]) + more
+
+
+def _box(
+    trunk: Trunk,
+    spec: LimitsSpec,
+    named: dict[str, np.ndarray],
+    outer: Box | None,
+    where: str,
+) -> Box:
     """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
     count = len(trunk.muscles)
     if outer is None:
@@ -317,11 +356,11 @@ def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
     if spec.activation is not None:
         lower[:count], upper[:count] = spec.activation
     for pattern, pair in spec.muscles.items():
-        matching = [i for i, name in enumerate(trunk.muscles) if fnmatch.fnmatchcase(name, pattern)]
-        if not matching:
+        matching = named[pattern]
+        if not matching.size:
             raise InputError(
-                f'{where}.muscles."{pattern}": no such muscle; expected a name or pattern of '
-                f"{', '.join(trunk.muscles)}."
+                f'{where}.muscles."{pattern[:LONGEST_SHOWN]}": no such muscle; expected a name or '
+                f"pattern of {_listed(trunk.muscles)}."
             )
         lower[matching], upper[matching] = pair
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):

@@ -24,7 +24,7 @@ TEXT = 2
 DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of the header's lists
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contents:
     """Attributes of a file (texts and numbers) and its arrays, by name."""
 
