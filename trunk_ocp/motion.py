@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +22,7 @@ from .problem_file import (
 from .reading import is_file, read_toml, shipped
 from .suspicions import suspicions
 from .targets import Held, Target, all_targets, check_earlier
-from .variants import limited_spec, shifted_spec
+from .variants import LONGEST_SHOWN, limited_spec, listed, named_muscles, shifted_spec
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
 REFERENCE_LENGTH = 1.75
@@ -33,10 +32,6 @@ The elephant's. Position errors of other trunks are compared in proportion to th
 a motion and its scale model have the same optimum."""
 
 TOLERANCE = 0.02  # m, of positions for the reference trunk; the default
-
-MOST_MATCHES = 1_000_000
-"""Muscles times patterns of a problem's bounds: half a second's work, and all there is to say."""
-MOST_SHOWN, LONGEST_SHOWN = 100, 200  # muscles in a message, and characters of a pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +277,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     """
     trunk = build_trunk(anatomy)
     targets = all_targets(spec, trunk)
-    named = _named(spec, trunk)
+    named = named_muscles(spec, trunk.muscles)
     whole = _box(trunk, spec.bounds, named, None, "bounds")
     steps: list[Step] = []
     phases: list[Phase] = []
@@ -311,34 +306,6 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
 
 
-def _named(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
-    """Indices of the muscles that each pattern of a problem's bounds names.
-
-    Raises
-    ------
-    InputError
-        If there are too many patterns for that many muscles.
-    """
-    limits = (spec.bounds, *(phase.bounds for phase in spec.phases))
-    patterns = {pattern for part in limits for pattern in part.muscles}
-    if len(patterns) * len(trunk.muscles) > MOST_MATCHES:
-        raise InputError(
-            f"bounds.muscles: {len(patterns):,} different names and patterns in all phases for "
-            f"{len(trunk.muscles):,} muscles; expected at most "
-            f"{MOST_MATCHES // len(trunk.muscles):,}. Let a pattern stand for several muscles."
-        )
-    return {
-        pattern: np.flatnonzero([fnmatch.fnmatchcase(name, pattern) for name in trunk.muscles])
-        for pattern in patterns
-    }
-
-
-def _listed(muscles: tuple[str, ...]) -> str:
-    """Names of muscles, as many as one reads."""
-    more = f" and {len(muscles) - MOST_SHOWN:,} more" if len(muscles) > MOST_SHOWN else ""
-    return ", ".join(muscles[:MOST_SHOWN]) + more
-
-
 def _box(
     trunk: Trunk,
     spec: LimitsSpec,
@@ -360,7 +327,7 @@ def _box(
         if not matching.size:
             raise InputError(
                 f'{where}.muscles."{pattern[:LONGEST_SHOWN]}": no such muscle; expected a name or '
-                f"pattern of {_listed(trunk.muscles)}."
+                f"pattern of {listed(trunk.muscles)}."
             )
         lower[matching], upper[matching] = pair
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):

@@ -20,7 +20,7 @@ from .errors import InputError
 MOST = 1000
 """Dimensions, attributes and variables, each; a plan has some twenty."""
 KINDS = {1: ">i1", 2: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8"}
-TEXT = 2
+TEXT, LONGEST_TEXT = 2, 10_000_000
 DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of the header's lists
 
 
@@ -104,6 +104,8 @@ class _Header:
             name, kind, size = self.name(), self.whole(), self.whole()
             if kind not in KINDS:
                 raise InputError(f"{name}: its type is unknown")
+            if size > LONGEST_TEXT:
+                raise InputError(f"{name}: is too large; expected at most {LONGEST_TEXT:,}")
             content = self.take(size * np.dtype(KINDS[kind]).itemsize)
             values = np.frombuffer(content, KINDS[kind])
             found[name] = (

@@ -32,6 +32,11 @@ LONGEST_WORD = 60
 """Characters of a value that are shown, and of a key that may be a misspelt one."""
 
 
+LONGEST_JSON, MOST_PARTS = 2_000_000, 150_000
+"""Characters, and commas and brackets, of a problem or an anatomy in JSON: more than a file with
+all that a trunk can do makes, and few enough for every one to be at fault."""
+
+
 _OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories of what a terminal obeys or hides
 
 
@@ -109,9 +114,13 @@ def read_toml(path: Path, model: type[Model]) -> Model:
             f"{sys.get_int_max_str_digits():,} digits."
         ) from None
     try:
-        return model.model_validate_json(text)
+        found = model.model_validate_json(text)
+        check_json(found.model_dump_json())  # a plan of it has to be saved
+        return found
+    except InputError as error:
+        raise InputError(f"{path}: {error}. Leave out what is not needed.") from None
     except ValidationError as error:
-        faults = error.errors()
+        faults = error.errors(include_url=False)
         told = _telling(faults[: 10 * MOST_FAULTS], data)[:MOST_FAULTS]
         lines = [f"  {_describe(fault, model)}" for fault in told]
         if len(faults) > 10 * MOST_FAULTS:
@@ -138,6 +147,16 @@ def read_bytes(path: Path, most: int) -> bytes:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}).") from None
+
+
+def check_json(text: str) -> None:
+    """Raise InputError unless a problem or an anatomy in JSON is as short as one may be."""
+    parts = sum(map(text.count, ",[{"))
+    if len(text) > LONGEST_JSON or parts > MOST_PARTS:
+        raise InputError(
+            f"is too large, with {len(text):,} characters and {parts:,} parts once defaults are "
+            f"filled in; expected at most {LONGEST_JSON:,} and {MOST_PARTS:,}"
+        )
 
 
 def is_file(path: Path) -> bool:
