@@ -68,6 +68,16 @@ class Checkpoint:
         """Whether there is something to resume."""
         return self._newer.exists() or self.path.exists()
 
+    def files(self) -> list[Path]:
+        """What an unfinished run left, other than what a power cut emptied.
+
+        Raises
+        ------
+        InputError
+            If what has the name of such a file is something else.
+        """
+        return [path for path in self._own_files() if not _is_empty(path)]
+
     def open(
         self, motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
     ) -> None:
@@ -202,9 +212,17 @@ def _is_ours(path: Path) -> bool:
     """Whether a file begins as one of ours, or has nothing in it, as a power cut may leave it."""
     if path.is_symlink() or not path.is_file():
         return False
+    head = _head(path)
+    return _is_empty(path) or (head.startswith(b"PK\3\4") and b"identity.npy" in head)
+
+
+def _is_empty(path: Path) -> bool:
+    return not _head(path).strip(b"\0")
+
+
+def _head(path: Path) -> bytes:
     with path.open("rb") as stream:
-        head = stream.read(100)
-    return not head.strip(b"\0") or (head.startswith(b"PK\3\4") and b"identity.npy" in head)
+        return stream.read(100)
 
 
 def _identity(

@@ -10,6 +10,7 @@ import contextlib
 import difflib
 import json
 import os
+import re
 import sys
 import tomllib
 import unicodedata
@@ -32,7 +33,7 @@ LONGEST_WORD = 60
 """Characters of a value that are shown, and of a key that may be a misspelt one."""
 
 
-LONGEST_JSON, MOST_PARTS = 2_000_000, 150_000
+LONGEST_JSON, MOST_PARTS = 2_000_000, 100_000
 """Characters, and commas and brackets, of a problem or an anatomy in JSON: more than a file with
 all that a trunk can do makes, and few enough for every one to be at fault."""
 
@@ -107,7 +108,7 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text, which TOML is; save it as UTF-8.") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not valid TOML: {error}.") from None
+        raise InputError(f"{path}: is not valid TOML: {_toml_fault(error, content)}.") from None
     except ValueError:
         raise InputError(
             f"{path}: has a whole number of thousands of digits; expected at most "
@@ -126,6 +127,19 @@ def read_toml(path: Path, model: type[Model]) -> Model:
         if len(faults) > 10 * MOST_FAULTS:
             lines.append("  and many more.")
         raise InputError("\n".join([f"{path}:", *lines])) from None
+
+
+def _toml_fault(error: tomllib.TOMLDecodeError, content: bytes) -> str:
+    """What is wrong with a TOML file; of a key that is there twice, which one and where."""
+    told = str(error)
+    if not told.startswith("Cannot overwrite a value"):
+        return told
+    lines = content.decode("utf-8-sig").rstrip().splitlines()
+    found = re.search(r"at line ([0-9]+)", told)
+    number = int(found[1]) if found else len(lines)  # none at the end of the file
+    key, equals, _ = lines[number - 1].partition("=")
+    which = f"{_clean(key.strip())}: this key" if equals else "the key of what ends here"
+    return f"line {number}: {which} is there already; expected each key once"
 
 
 def read_bytes(path: Path, most: int) -> bytes:

@@ -28,6 +28,7 @@ from .provenance import fingerprint
 from .reading import printable, read_bytes
 from .records import recorded
 from .restoring import check_size, check_texts, restored
+from .results_folder import set_derived_aside
 from .solution import Plan, Status
 from .threads import one_thread
 
@@ -57,6 +58,9 @@ UNITS = {
 def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is made if need be; each file whole or not at all.
 
+    It replaces a plan that is there. What was made from that one, such as figures and exports,
+    moves to `earlier/` in the folder, unless both are the same.
+
     Raises
     ------
     InputError
@@ -67,7 +71,9 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
     report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
-    write(folder / "activations.csv", activations_table(plan))
+    table = activations_table(plan)
+    set_derived_aside(folder, plan.motion, table)
+    write(folder / "activations.csv", table)
     with replacing(folder / SOLUTION) as path:
         labelled.to_netcdf(path, engine="scipy")
     write(folder / "summary.json", report)
@@ -135,6 +141,10 @@ def _content(path: Path) -> bytes:
                 f"{path.parent}: has a folder for each of its plans, and is none itself; expected "
                 f"{printable(' or '.join(plans[:MOST_PLANS]))}{more}."
             )
+        raise InputError(
+            f"{path}: cannot be read as a plan (no such file); expected a file written by "
+            "solve-motion."
+        )
     return read_bytes(path, LARGEST_FILE)
 
 
