@@ -3,18 +3,21 @@
 import io
 import json
 import os
+import tracemalloc
 
 import numpy as np
 import pytest
+from plans import TOUCH, written
 
 from trunk_ocp.checkpoint import Checkpoint
 from trunk_ocp.errors import InputError
+from trunk_ocp.motion import load_motion
 from trunk_ocp.netcdf import read_netcdf
-from trunk_ocp.planner import plan_motion
+from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.provenance import fingerprint
 from trunk_ocp.reading import printable
 from trunk_ocp.solution import Status
-from trunk_ocp.storage import load_plan, save_plan
+from trunk_ocp.storage import dataset, load_plan, save_plan
 from trust import damaged
 
 
@@ -224,3 +227,116 @@ def test_records_too_long_to_be_read_are_saved_without_their_histories(tmp_path,
     again = load_plan(tmp_path)
     assert [s.message for s in again.solves] == [s.message for s in plan.solves]
     assert all(len(solve.history) == 1 for solve in again.solves)
+
+
+def test_a_users_file_beside_an_unfinished_run_is_left_alone(tmp_path):
+    """What `save` replaces is looked at before a run goes on, not only what it reads."""
+    (tmp_path / "resume-newer.npz").write_bytes(damaged.originals().resume)
+    np.savez(tmp_path / "resume.npz", mine=np.arange(3))
+    before = (tmp_path / "resume.npz").read_bytes()
+    with pytest.raises(InputError, match=r"resume\.npz: is not a file of an unfinished run"):
+        read_resume(tmp_path)
+    assert (tmp_path / "resume.npz").read_bytes() == before
+
+
+# --- sizes: what a file can make its reader build ----------------------------------------------
+
+MEMORY = 50_000_000
+"""Bytes of Python objects while a file of two million characters is refused."""
+
+
+def peak(work):
+    """Most memory that Python objects took meanwhile, bytes."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda spec: spec.update({f"k{i}": 0 for i in range(70_000)}),
+        lambda spec: spec.update({f"k{i}": 0 for i in range(150_000)}),
+        lambda spec: spec.update(phases=[{}] * 40_000),
+        lambda spec: spec.update(phases=[{}] * 600_000),
+        lambda spec: spec["phases"][0].update(targets=[1] * 90_000),
+    ],
+)
+def test_a_problem_of_nothing_but_faults_is_refused_in_little_memory(tmp_path, edit):
+    data = dataset(damaged.originals().plan)
+    spec = json.loads(data.attrs["problem_json"])
+    edit(spec)
+    data.attrs["problem_json"] = json.dumps(spec)
+    data.to_netcdf(tmp_path / "solution.nc", engine="scipy")
+
+    def load():
+        with pytest.raises(InputError, match=r"faults|too large") as caught:
+            load_plan(tmp_path)
+        assert len(str(caught.value)) < 1000
+
+    assert peak(load) < MEMORY
+
+
+def test_records_and_texts_without_end_are_refused_before_they_are_read(tmp_path):
+    for attributes in (
+        {"notes_json": json.dumps(["x" * 9_000_000])},
+        {
+            "notes_json": json.dumps(["x" * 6_000_000]),
+            "options_json": f'{{"a": "{"x" * 6_000_000}"}}',
+        },
+        {"options_json": '{"a": [' + ",".join(["[]"] * 200_000) + "]}"},
+        {f"more{number}": "x" * 6_000_000 for number in range(3)},
+    ):
+        assert "too large" in refused(
+            tmp_path, dataset(damaged.originals().plan).assign_attrs(attributes)
+        )
+
+
+def test_a_fault_of_a_saved_problem_is_told_by_its_key(tmp_path):
+    data = dataset(damaged.originals().plan)
+    spec = json.loads(data.attrs["problem_json"])
+    spec["phases"][0]["duration"] = "long"
+    data.attrs["problem_json"] = json.dumps(spec)
+    assert "no valid problem (phases.0.duration: " in refused(tmp_path, data)
+
+
+def test_an_identity_with_any_number_of_changes_is_refused_with_a_few(tmp_path):
+    with np.load(io.BytesIO(damaged.originals().resume)) as data:
+        arrays = dict(data)
+    identity = json.loads(arrays["identity"].tobytes())
+    identity["problem"] |= {f"k{i}": 0 for i in range(100_000)}
+    identity["problem_sha256"] = "0"
+    arrays["identity"] = np.frombuffer(json.dumps(identity).encode(), np.uint8)
+    np.savez(tmp_path / "resume.npz", **arrays)
+    with pytest.raises(InputError, match="and more") as caught:
+        read_resume(tmp_path)
+    assert str(caught.value).count("->") == 3
+
+
+def test_failures_too_long_to_be_read_are_kept_without_their_histories(tmp_path, monkeypatch):
+    """So that the run can be resumed at all."""
+    motion = load_motion(written(tmp_path, TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.1, 1.2]")))
+    options = Options(max_iterations=1)
+    monkeypatch.setattr("trunk_ocp.records.MOST_NESTED", 60)
+    made = plan_motion(
+        motion, 1, options, checkpoint=Checkpoint(tmp_path / "resume.npz"), throw=False
+    )
+    again = Checkpoint(tmp_path / "resume.npz", resume=True)
+    plan = plan_motion(motion, 1, options, checkpoint=again, throw=False)
+    assert plan.status is made.status
+    assert np.array_equal(plan.x, made.x)
+
+
+def test_a_folder_of_plans_is_refused_with_the_plans_in_it(tmp_path):
+    for name in ("horizon", "sequential"):
+        save_plan(damaged.originals().plan, tmp_path / name)
+    with pytest.raises(InputError) as caught:
+        load_plan(tmp_path)
+    assert f"expected {tmp_path / 'horizon'} or {tmp_path / 'sequential'}" in str(caught.value)
+    with pytest.raises(
+        InputError, match=r"solution\.nc: cannot be read as a plan \(no such file\)"
+    ):
+        load_plan(tmp_path / "receding-3")

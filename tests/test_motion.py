@@ -1,13 +1,17 @@
 """The three shipped motions say what sections 5, 6 and appendix B of the paper say."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
+from importlib import import_module
+from pkgutil import walk_packages
 
 import numpy as np
 import pytest
-from plans import POINT, shipped, written
+from plans import POINT, TOUCH, shipped, written
 from scipy.spatial.transform import Rotation
 
+import trunk_ocp
+from trunk_ocp.errors import InputError
 from trunk_ocp.loads import Loads
 from trunk_ocp.motion import Held, allowed, load_motion
 
@@ -277,3 +281,38 @@ def test_a_motion_cannot_be_changed_in_place():
     with pytest.raises(AttributeError):
         motion.steps = ()
     assert replace(motion, steps=motion.steps[:1]).times.tolist() == [1.0]
+
+
+def test_patterns_are_as_many_as_are_matched_in_no_time(tmp_path, monkeypatch):
+    """Names cost nothing and are not counted; the same pattern in every phase counts once."""
+    monkeypatch.setattr("trunk_ocp.variants.MOST_MATCHES", 3 * 28)
+    rows = [f'"{name}" = [-1.0, 0.0]' for name in shipped("lift-log").trunk.muscles]
+    rows += [f'"{pattern}" = [-1.0, 0.0]' for pattern in ("R*", "L*", "*dl")]
+    text = TOUCH + "[phases.bounds.muscles]\n" + "\n".join(rows)
+    assert len(load_motion(written(tmp_path, text)).steps) == 1
+    with pytest.raises(InputError, match="4 different patterns .* 28 muscles; expected at most 3"):
+        load_motion(written(tmp_path, text + '\n"*vr" = [-1.0, 0.0]'))
+
+
+def test_whatever_holds_arrays_can_be_compared_and_counted():
+    """By identity: equality of arrays is no yes or no."""
+    motion = shipped("lift-log")
+    same = load_motion("lift-log")
+    assert motion == motion and motion != same
+    assert len({motion, same, *motion.steps}) == 2 + len(motion.steps)
+    assert motion.trunk == same.trunk
+    assert motion.steps[0].loads == same.steps[0].loads
+    assert motion.steps[0].targets == same.steps[0].targets
+
+
+def test_no_class_compares_arrays():
+    checked = 0
+    for module in walk_packages(trunk_ocp.__path__, "trunk_ocp."):
+        if "templates" in module.name or module.name.endswith("__main__"):
+            continue
+        for kind in vars(import_module(module.name)).values():
+            if isinstance(kind, type) and is_dataclass(kind):
+                if any("ndarray" in str(field.type) for field in fields(kind)):
+                    assert kind.__eq__ is object.__eq__, kind
+                    checked += 1
+    assert checked > 30

@@ -4,6 +4,8 @@ import os
 import pickle
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pkgutil import walk_packages
 
@@ -174,6 +176,20 @@ def test_processes_are_as_many_as_the_cores_one_may_use(monkeypatch, tmp_path):
 def test_a_number_of_processes_that_cannot_be_is_refused(wrong):
     with pytest.raises(InputError, match="processes"):
         run(doubled, [(1,)], wrong)
+
+
+def test_the_script_is_back_after_pools_start_in_threads_that_overlap():
+    main, hidden = sys.modules["__main__"], []
+
+    def started(number):
+        with parallel._main_left_alone([(run, ())]):
+            hidden.append(sys.modules["__main__"] is not main)
+            time.sleep(0.01 * (number % 3))
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(started, range(16)))
+    assert sys.modules["__main__"] is main
+    assert hidden == [True] * 16
 
 
 def test_a_request_to_stop_ends_tasks_in_other_processes():

@@ -235,3 +235,11 @@ def test_the_schema_refuses_unknown_keys_everywhere():
     schema = json.loads(printed_schema())
     sections = [schema, *schema["$defs"].values()]
     assert all(s["additionalProperties"] is False for s in sections if "properties" in s)
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\n\n", "\nnext = 1\n"])
+def test_a_key_that_is_there_twice_is_named_with_its_line(tmp_path, end):
+    path = tmp_path / "problem.toml"
+    path.write_text(f'name = "a"\ngravity = 9.8\nname = "b"{end}')
+    with pytest.raises(InputError, match="line 3: name: this key is there already"):
+        load_motion(path)

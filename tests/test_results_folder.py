@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
 from trunk_ocp import cli
+from trunk_ocp.checkpoint import Checkpoint
 from trunk_ocp.exports import opensim
 from trunk_ocp.exports.opensim import MOST, sto_times
 from trunk_ocp.motion import load_motion
@@ -86,6 +87,35 @@ def test_a_run_is_found_by_its_problem_file_or_refused_as_anothers(here):
     assert "another problem with the same name" in result.stderr
 
 
+def test_results_of_another_file_are_moved_aside_whole_and_the_folder_is_the_new_ones(here):
+    """Named with --out, which no name protects."""
+    assert run(written(here, TOUCH, "a.toml")).exit_code == 0
+    assert run(written(here, NEARBY, "b.toml"), "--out", "results/touch").exit_code == 0
+    out = here / "results" / "touch"
+    earlier = load_plan(out / "earlier" / "horizon")
+    assert earlier.motion.spec == load_motion(here / "a.toml").spec
+    assert load_plan(out / "horizon").motion.spec == load_motion(here / "b.toml").spec
+    result = verb("explain", "a.toml")
+    assert result.exit_code == 2
+    assert "another problem with the same name" in result.stderr
+    assert verb("explain", "b.toml").exit_code == 0
+    assert run("a.toml").exit_code == 2
+
+
+def test_another_problem_in_the_same_folder_leaves_the_first_ones_plan(here):
+    assert run(written(here, TOUCH, "a.toml"), "--out", "out").exit_code == 0
+    (here / "out" / "source.json").unlink()  # as from an earlier version
+    other = NEARBY.replace('name = "touch"', 'name = "other"')
+    assert run(written(here, other, "b.toml"), "--out", "out").exit_code == 0
+    assert load_plan(here / "out" / "earlier" / "horizon").motion.name == "touch"
+
+
+def test_a_copy_of_the_file_moves_nothing_aside(here):
+    assert run(written(here, TOUCH, "a.toml"), "--out", "out").exit_code == 0
+    assert run(written(here, TOUCH, "b.toml"), "--out", "out").exit_code == 0
+    assert not (here / "out" / "earlier").exists()
+
+
 # --- what is out of date -----------------------------------------------------------------------
 
 
@@ -127,6 +157,62 @@ def test_the_same_plan_again_leaves_what_was_made_from_it(here):
     assert run(written(here, TOUCH), "--out", out).exit_code == 0
     assert all((out / name).read_text() == name for name in made)
     assert not (out / "earlier").exists()
+
+
+def test_saving_a_plan_from_python_moves_aside_what_was_made_from_another(here):
+    plan, other = (
+        plan_motion(load_motion(written(here, text)), lookahead=1) for text in (TOUCH, NEARBY)
+    )
+    save_plan(plan, "out/horizon")
+    made = [name for name in drawn(here / "out")[0] if name.startswith("horizon/")]
+    save_plan(plan, "out/horizon")  # the same: all stays
+    assert all((here / "out" / name).exists() for name in made)
+    save_plan(other, "out/horizon")
+    for name in made:
+        assert not (here / "out" / name).exists()
+        kept = here / "out" / "horizon" / "earlier" / name.removeprefix("horizon/")
+        assert kept.read_text() == name
+    assert (here / "out" / "horizon" / "mine.glb").exists()
+
+
+def unfinished(text, folder):
+    """What a run leaves that ends before its plan is saved."""
+    motion = load_motion(written(folder.parents[1], text, "unfinished.toml"))
+    plan_motion(motion, 1, checkpoint=Checkpoint(folder / "resume.npz"))
+    return (folder / "resume.npz").read_bytes()
+
+
+def test_an_unfinished_run_is_kept_when_another_begins_in_its_place(here):
+    content = unfinished(POINT, here / "out" / "sequential")
+    result = run(written(here, POINT), "--out", "out", "--mode", "sequential")
+    assert result.exit_code == 0
+    kept = here / "out" / "earlier" / "sequential" / "resume.npz"
+    assert kept.read_bytes() == content
+    assert "out/earlier/" in result.stdout
+    assert not (here / "out" / "sequential" / "resume.npz").exists()
+
+
+def test_nothing_to_resume_names_the_unfinished_run_next_door(here):
+    for name in ("sequential", "receding-2"):
+        (here / "out" / name).mkdir(parents=True)
+        (here / "out" / name / "resume.npz").write_bytes(b"PK")
+    result = run(written(here, POINT), "--out", "out", "--lookahead", "3", "--resume")
+    assert result.exit_code == 2
+    assert "--lookahead 2 or --mode sequential" in result.stderr
+
+
+def test_an_unfinished_run_of_another_problem_is_called_so(here):
+    unfinished(POINT, here / "out" / "sequential")
+    other = POINT.replace('name = "point"', 'name = "other"')
+    result = run(written(here, other), "--out", "out", "--mode", "sequential", "--resume")
+    assert result.exit_code == 2
+    assert "unfinished run of point; expected one of other" in result.stderr
+
+
+def test_a_folder_that_cannot_be_is_refused_with_where(here):
+    result = run(written(here, TOUCH), "--out", "/proc/x")
+    assert result.exit_code == 2
+    assert "no folder can be made in /proc" in result.stderr
 
 
 def test_what_was_moved_aside_before_is_never_replaced(here):

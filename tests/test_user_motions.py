@@ -117,6 +117,17 @@ def test_before_the_first_and_after_the_last_way_point_is_where_they_are(tmp_pat
     np.testing.assert_allclose(found, [WAY[0], WAY[0], WAY[1], WAY[1], WAY[1]], atol=1e-12)
 
 
+def test_way_points_too_close_to_tell_apart_are_refused_by_row(tmp_path):
+    """Two at the phase's end, up to rounding, would be at one time once they are clipped to it."""
+    for last in ([0.5, 0.5 + 1e-10], [0.5 + 1e-10, 0.5 + 2e-10], [0.3, 0.3 + 1e-12]):
+        times = [0.1, *last]
+        rows = [[t, *point] for t, point in zip(times, WAY, strict=False)]
+        with pytest.raises(InputError, match=r"through\[3\] is at t = 0\.[35].* after the row"):
+            through(tmp_path, rows, 5)
+    late = [[t, *point] for t, point in zip((0.0, 0.2, 0.5 + 1e-10), WAY, strict=False)]
+    np.testing.assert_allclose(wanted(through(tmp_path, late, 5))[-1], WAY[2], atol=1e-8)
+
+
 def test_way_points_may_be_measured_from_the_passive_tip(tmp_path):
     by = wanted(through(tmp_path, WAY, 4, "passive-tip")) - np.array(WAY)
     # The passive tip, DESIGN 2; to the digits that are given there.

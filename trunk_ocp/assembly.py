@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from .separable import Programme, Term
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Places:
     """Some places of a term; its scatter as four equal arrays."""
 
@@ -27,7 +27,7 @@ class _Places:
     weights: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """Rows of constraints that belong together, named for who asks which one is violated.
 

@@ -13,6 +13,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from .files import write
 from .motion import Motion
 from .planner import Options, Pass, State
 from .provenance import fingerprint, plain, versions
+from .records import fits
 from .solution import Plan
 
 FILE = "resume.npz"
@@ -66,6 +68,16 @@ class Checkpoint:
         """Whether there is something to resume."""
         return self._newer.exists() or self.path.exists()
 
+    def files(self) -> list[Path]:
+        """What an unfinished run left, other than what a power cut emptied.
+
+        Raises
+        ------
+        InputError
+            If what has the name of such a file is something else.
+        """
+        return [path for path in self._own_files() if not _is_empty(path)]
+
     def open(
         self, motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
     ) -> None:
@@ -90,6 +102,13 @@ class Checkpoint:
             )
         newest = self._newer if self._newer.exists() else self.path
         found = read_unfinished(newest, motion, options)
+        self._own_files()  # the other one as well, which `save` replaces
+        name = _name(found.identity)
+        if name != motion.name:
+            raise InputError(
+                f"{self.path}: is an unfinished run of {name}; expected one of {motion.name}. "
+                f"Resume it with that problem, or name another folder with --out."
+            )
         changes = _changes(found.identity, identity)
         if changes:
             raise InputError(
@@ -130,17 +149,22 @@ class Checkpoint:
         stage.previous = previous
         stage.counters = {name: getattr(work.optimiser, name) for name in COUNTERS}
         stage.failed = [solve for solve in work.optimiser.solves if not solve.converged]
-        progress = {
+        progress: dict[str, Any] = {
             "seconds": self.seconds + time.perf_counter() - self._began,
             "stages": [_described(stage) for stage in self._stages],
         }
+        text = json.dumps(progress)
+        if not fits(text):  # thousands of iterations that failed
+            for told in progress["stages"]:
+                told["failed"] = [solve | {"history": ()} for solve in told["failed"]]
+            text = json.dumps(progress)
         # Few members and one array: each costs time, and this is written after every window.
         values = [array.ravel() for stage in self._stages for array in _arrays(stage).values()]
         content = io.BytesIO()
         np.savez(
             content,
             identity=np.frombuffer(self._identity_json, np.uint8),
-            progress=np.frombuffer(json.dumps(progress).encode(), np.uint8),
+            progress=np.frombuffer(text.encode(), np.uint8),
             values=np.concatenate(values),
         )
         now = time.perf_counter()
@@ -163,6 +187,11 @@ class Checkpoint:
         InputError
             If what has its name is something else.
         """
+        for path in self._own_files():
+            path.unlink(missing_ok=True)
+
+    def _own_files(self) -> list[Path]:
+        """The file and its successor, as far as they are there; InputError for what is no such."""
         folder = self.path.parent
         if folder.exists() and not folder.is_dir():
             raise InputError(
@@ -176,17 +205,24 @@ class Checkpoint:
                     f"{path}: is not a file of an unfinished run, which would be replaced; move it "
                     "away, or name another folder with --out."
                 )
-        for path in there:
-            path.unlink(missing_ok=True)
+        return there
 
 
 def _is_ours(path: Path) -> bool:
     """Whether a file begins as one of ours, or has nothing in it, as a power cut may leave it."""
     if path.is_symlink() or not path.is_file():
         return False
+    head = _head(path)
+    return _is_empty(path) or (head.startswith(b"PK\3\4") and b"identity.npy" in head)
+
+
+def _is_empty(path: Path) -> bool:
+    return not _head(path).strip(b"\0")
+
+
+def _head(path: Path) -> bytes:
     with path.open("rb") as stream:
-        head = stream.read(100)
-    return not head.strip(b"\0") or (head.startswith(b"PK\3\4") and b"identity.npy" in head)
+        return stream.read(100)
 
 
 def _identity(
@@ -206,6 +242,12 @@ def _identity(
     }
 
 
+def _name(identity: dict[str, Any]) -> str:
+    """Name of the problem of a run, as its file says."""
+    problem = identity.get("problem")
+    return str(problem.get("name") if isinstance(problem, dict) else None)[:LONGEST_KEY]
+
+
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     """What differs between two identities, a clause each; empty if nothing does."""
     named = {
@@ -216,10 +258,12 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     }
     clauses = []
     for part, name in named.items():
-        differences = list(_differences(old.get(part), new[part]))
+        if f"{part}_sha256" in new and old.get(f"{part}_sha256") == new[f"{part}_sha256"]:
+            continue
+        # No more than are shown: a file from anywhere may have any number of them.
+        differences = list(islice(_differences(old.get(part), new[part]), SHOWN + 1))
         if differences:
-            more = len(differences) - SHOWN
-            told = [*differences[:SHOWN], *([f"and {more} more"] if more > 0 else [])]
+            told = [*differences[:SHOWN], *(["and more"] if len(differences) > SHOWN else [])]
             clauses.append(f"{name} changed ({', '.join(told)})")
     if not clauses and old.get("steps") != new["steps"]:
         clauses.append("the time steps changed")

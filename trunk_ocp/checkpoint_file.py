@@ -22,7 +22,8 @@ from .collocation import Mesh
 from .errors import InputError
 from .motion import Motion
 from .planner import REFINEMENTS, Options, State, first_mesh
-from .reading import printable, read_bytes
+from .reading import LONGEST_JSON, printable, read_bytes
+from .records import MOST_TEXT as MOST_RECORDS
 from .records import amount, check_near, count, entries, flag, json_of, number, solve_of, table
 from .rod import STATES
 from .solution import MODES
@@ -31,13 +32,14 @@ from .targets import Held
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")
-MOST_TEXT = 16_000_000  # bytes of all but the numbers
+MOST_TEXT = 2 * LONGEST_JSON + MOST_RECORDS
+"""Bytes of all but the numbers: problem and anatomy, and records."""
 MOST_STAGES = REFINEMENTS + 2  # the sequential plan, the plan, and once more for each refinement
 END = struct.Struct("<4s4H2LH")  # of a zip archive without a comment
 LONGEST_REASON = 300  # characters
 
 
-@dataclass
+@dataclass(eq=False)
 class Stage:
     """A pass as far as it has come: how it was made, what it has decided, what it has cost.
 
@@ -53,7 +55,7 @@ class Stage:
     failed: list[Solve] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Unfinished:
     """What a file has: what its plan depends on, as it says, and what is not looked at yet."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from .motion import Motion, load_motion
 from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .reporting import Reporter
-from .results_folder import default_folder, set_aside, sign
+from .results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
 from .screen import (
     Screen,
     comparison_table,
@@ -73,6 +73,8 @@ def run_solve(
         options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
         checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
         with alone(folder):
+            if not resume:
+                _keep_unfinished(folder, checkpoints.values(), console)
             with Screen(console, motion) as screen, interrupts.patience(screen):
                 plans = _plans(motion, checkpoints, options, screen)
                 finished = not screen.stop
@@ -82,11 +84,12 @@ def run_solve(
                     plan.recorded(options=plan.options | {"command": command}) for plan in plans
                 ]
                 aside = set_aside(
-                    folder, [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
+                    folder,
+                    [(plan_folder(plan), plan, activations_table(plan)) for plan in plans],
+                    problem,
                 )
+                sign(folder, problem, motion)
                 figures = _save(plans, folder)
-                if out is None:
-                    sign(folder, problem, motion)
                 if finished:
                     for checkpoint in checkpoints.values():
                         checkpoint.remove()
@@ -126,6 +129,17 @@ def _interrupts() -> Iterator[Interrupts]:
     interrupts = Interrupts.current or Interrupts()
     interrupts.hint = "solve-motion --resume, with the same options, goes on from the last window."
     yield interrupts
+
+
+def _keep_unfinished(folder: Path, checkpoints: Iterable[Checkpoint], console: Console) -> None:
+    """Move aside what unfinished runs left, as new ones begin in their place, and say so."""
+    files = [path for checkpoint in checkpoints for path in checkpoint.files()]
+    kept = set_unfinished_aside(folder, files)
+    if kept is not None:
+        tell(
+            console,
+            f"An unfinished run was here, which --resume goes on with; its file is now in {kept}/",
+        )
 
 
 def _save(plans: list[Plan], folder: Path) -> dict[str, dict[str, Any]]:
@@ -171,11 +185,22 @@ def _checkpoints(
     if not there:
         raise InputError(
             f"{folder}: there is nothing to resume; expected an unfinished run of this problem and "
-            "mode here. Name its folder with --out, or run without --resume to start anew."
+            f"mode here. {_unfinished_modes(folder)}Name its folder with --out, or run without "
+            "--resume to start anew."
         )
     for checkpoint in there:
         checkpoint.resume = True
     return checkpoints
+
+
+def _unfinished_modes(folder: Path) -> str:
+    """A sentence with the options that resume the unfinished runs of a folder; empty if none."""
+    options = []
+    for place in modes(folder):
+        if Checkpoint(place / FILE).exists:
+            ahead = place.name.removeprefix("receding-")
+            options.append(f"--mode {ahead}" if ahead == place.name else f"--lookahead {ahead}")
+    return f"Unfinished here: resume with {' or '.join(options)}. " if options else ""
 
 
 def _plans(

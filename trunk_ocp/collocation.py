@@ -19,7 +19,7 @@ from .errors import InputError
 from .loads import check_contact
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gauss:
     """Matrices of one element of degree d on the unit interval.
 

@@ -154,7 +154,7 @@ def alone(folder: Path) -> Iterator[None]:
     path = folder / LOCK
     lock = FileLock(path)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make(folder)
         if path.is_symlink() or (path.exists() and (not path.is_file() or path.stat().st_size)):
             raise InputError(
                 f"{path}: is not a lock of this program, which has no content; expected no other "
@@ -178,6 +178,17 @@ def alone(folder: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):  # still locked, so that nobody can have it in between
             path.unlink(missing_ok=True)
         lock.release()
+
+
+def _make(folder: Path) -> None:
+    """Make a folder; InputError where there can be none, such as in /proc."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileNotFoundError:
+        above = next((place for place in folder.parents if place.exists()), folder)
+        raise InputError(
+            f"{folder}: no folder can be made in {above}; name another folder with --out."
+        ) from None
 
 
 def _remove_left_behind(folder: Path, depth: int = 0) -> None:

@@ -26,7 +26,7 @@ from .statics import Shape
 ARC = np.radians(7.5)  # largest angle between two points of an arc
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frames:
     """Cross-sections of H shapes at n points.
 
@@ -87,7 +87,7 @@ def _pieces(angle: float) -> int:
     return max(1, int(np.ceil(angle / ARC - 1e-9)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """A closed surface that moves: vertices (H, v, 3) in m, triangles (t, 3) seen from outside."""
 

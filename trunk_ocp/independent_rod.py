@@ -24,7 +24,7 @@ TOLERANCE = 1e-10  # of DOP853, in units of L, 1 and E I(0) / L
 MOST_SLOPES = 30_000  # of an integration, in 2,500 steps; the shipped motions take about 100
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """Independently integrated shapes of H rods at points Z (n,).
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +22,7 @@ from .problem_file import (
 from .reading import is_file, read_toml, shipped
 from .suspicions import suspicions
 from .targets import Held, Target, all_targets, check_earlier
-from .variants import limited_spec, shifted_spec
+from .variants import LONGEST_SHOWN, limited_spec, listed, named_muscles, shifted_spec
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
 REFERENCE_LENGTH = 1.75
@@ -35,7 +34,7 @@ a motion and its scale model have the same optimum."""
 TOLERANCE = 0.02  # m, of positions for the reference trunk; the default
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Box:
     """Lower and upper bounds on the unknowns x = (activations, psi_Z, psi_Y) of a step."""
 
@@ -61,7 +60,7 @@ class Auxiliary:
         return math.isfinite(self.activation_deviation) or math.isfinite(self.head_deviation)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
     """One time step T: when, what is asked, what loads act, what is allowed.
 
@@ -89,7 +88,7 @@ class Phase:
     interpolation: str
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Motion:
     """A motion to plan. Time step 0 is the passive trunk: x = 0 under weight alone."""
 
@@ -278,13 +277,14 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     """
     trunk = build_trunk(anatomy)
     targets = all_targets(spec, trunk)
-    whole = _box(trunk, spec.bounds, None, "bounds")
+    named = named_muscles(spec, trunk.muscles)
+    whole = _box(trunk, spec.bounds, named, None, "bounds")
     steps: list[Step] = []
     phases: list[Phase] = []
     start = 0.0
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
-        box = _box(trunk, phase.bounds, whole, f"{where}.bounds")
+        box = _box(trunk, phase.bounds, named, whole, f"{where}.bounds")
         for i in range(1, phase.steps + 1):
             first = len(steps)
             steps.append(
@@ -306,7 +306,13 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, whole)
 
 
-def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
+def _box(
+    trunk: Trunk,
+    spec: LimitsSpec,
+    named: dict[str, np.ndarray],
+    outer: Box | None,
+    where: str,
+) -> Box:
     """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
     count = len(trunk.muscles)
     if outer is None:
@@ -317,11 +323,11 @@ def _box(trunk: Trunk, spec: LimitsSpec, outer: Box | None, where: str) -> Box:
     if spec.activation is not None:
         lower[:count], upper[:count] = spec.activation
     for pattern, pair in spec.muscles.items():
-        matching = [i for i, name in enumerate(trunk.muscles) if fnmatch.fnmatchcase(name, pattern)]
-        if not matching:
+        matching = named[pattern]
+        if not matching.size:
             raise InputError(
-                f'{where}.muscles."{pattern}": no such muscle; expected a name or pattern of '
-                f"{', '.join(trunk.muscles)}."
+                f'{where}.muscles."{pattern[:LONGEST_SHOWN]}": no such muscle; expected a name or '
+                f"pattern of {listed(trunk.muscles)}."
             )
         lower[matching], upper[matching] = pair
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):

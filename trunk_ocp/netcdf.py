@@ -20,11 +20,11 @@ from .errors import InputError
 MOST = 1000
 """Dimensions, attributes and variables, each; a plan has some twenty."""
 KINDS = {1: ">i1", 2: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8"}
-TEXT = 2
+TEXT, LONGEST_TEXTS = 2, 16_000_000  # all attributes together, characters
 DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of the header's lists
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contents:
     """Attributes of a file (texts and numbers) and its arrays, by name."""
 
@@ -69,6 +69,7 @@ class _Header:
 
     def __init__(self, content: bytes, wide: bool) -> None:
         self.content, self.at, self.wide = content, 4, wide
+        self.texts = 0  # characters of attributes so far
 
     def take(self, size: int) -> bytes:
         """The next bytes, after which comes a multiple of four."""
@@ -104,6 +105,9 @@ class _Header:
             name, kind, size = self.name(), self.whole(), self.whole()
             if kind not in KINDS:
                 raise InputError(f"{name}: its type is unknown")
+            self.texts += size
+            if self.texts > LONGEST_TEXTS:
+                raise InputError(f"{name}: its text is too large; expected that of one plan")
             content = self.take(size * np.dtype(KINDS[kind]).itemsize)
             values = np.frombuffer(content, KINDS[kind])
             found[name] = (

@@ -194,6 +194,9 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
         reader.close()
 
 
+_main = threading.RLock()  # held while sys.modules may have no script, for threads overlap
+
+
 @contextmanager
 def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
     """Processes that start meanwhile do not run the user's script again.
@@ -201,15 +204,15 @@ def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
     By default they do, to find functions that it defines. Of ours they need none, and a script
     without `if __name__ == "__main__":`, or one that came by standard input, would break them.
     """
-    main = sys.modules["__main__"]
-    if any(getattr(function, "__module__", "") == "__main__" for function, _ in jobs):
-        yield
-        return
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
+    needed = any(getattr(function, "__module__", "") == "__main__" for function, _ in jobs)
+    with _main:
+        main = sys.modules["__main__"]
+        if not needed:
+            sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            yield
+        finally:
+            sys.modules["__main__"] = main
 
 
 @contextmanager

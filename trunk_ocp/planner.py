@@ -82,7 +82,7 @@ class Options:
                 check(value, name)
 
 
-@dataclass
+@dataclass(eq=False)
 class State:
     """What has been decided so far: unknowns, shapes and directions of the kept steps."""
 
@@ -297,7 +297,7 @@ def first_mesh(motion: Motion, options: Options) -> Mesh:
     return Mesh(coarse.edges, degree)
 
 
-@dataclass
+@dataclass(eq=False)
 class Pass:
     """One pass over a motion with a given lookahead.
 

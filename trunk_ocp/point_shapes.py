@@ -11,7 +11,7 @@ import numpy as np
 from .rotations import directors
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class PointShapes:
     """Shapes at a few points, with any leading batch axes (...).
 

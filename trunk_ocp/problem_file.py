@@ -30,7 +30,7 @@ MOST_WAY_POINTS = 1000
 MOST_ENTRIES = 1000
 """Of any other list."""
 ROUND_OFF = 1e-9
-"""Share of a phase by which its last way point may be late."""
+"""Share of a phase by which its last way point may be late; others are further apart."""
 
 
 class HeldSpec(Strict):
@@ -66,6 +66,22 @@ def _check_rows(rows: tuple[WayPoint, ...]) -> None:
         raise ValueError(
             f"through[1] is at t = {rows[0][0]:g} s; expected 0 or later, from the phase's start"
         )
+
+
+def _check_times(times: list[float], duration: float) -> None:
+    """Raise ValueError unless times (s) of way points are within a phase and far enough apart."""
+    if times[-1] > duration * (1 + ROUND_OFF):
+        raise ValueError(
+            f"through ends at t = {times[-1]:g} s, the phase at {duration:g} s; "
+            "expected times in s from the phase's start, within its duration"
+        )
+    least = 2 * ROUND_OFF * duration  # so that at most one of them is beyond the phase's end
+    for number, (one, two) in enumerate(pairwise(times), 2):
+        if two - one < least:
+            raise ValueError(
+                f"through[{number}] is at t = {two:.12g} s, {two - one:.3g} s after the row before "
+                f"it; expected at least {least:.3g} s between two way points. Remove one of them"
+            )
 
 
 class TargetSpec(Strict):
@@ -288,12 +304,8 @@ class PhaseSpec(Strict):
         if not self.targets and self.wrap is None:
             raise ValueError("a phase needs targets or a wrap")
         for place in (*self.targets, self.wrap):
-            rows = place.through if place else None
-            if rows and len(rows[0]) == 4 and rows[-1][0] > self.duration * (1 + ROUND_OFF):
-                raise ValueError(
-                    f"through ends at t = {rows[-1][0]:g} s, the phase at {self.duration:g} s; "
-                    "expected times in s from the phase's start, within its duration"
-                )
+            if place is not None and place.through and len(place.through[0]) == 4:
+                _check_times([row[0] for row in place.through], self.duration)
         for change in self.change:
             first, last = change.steps or (1, self.steps)
             if not first <= last <= self.steps:

@@ -10,6 +10,7 @@ import contextlib
 import difflib
 import json
 import os
+import re
 import sys
 import tomllib
 import unicodedata
@@ -30,6 +31,11 @@ MOST_FAULTS = 20
 """Faults of one file that are told."""
 LONGEST_WORD = 60
 """Characters of a value that are shown, and of a key that may be a misspelt one."""
+
+
+LONGEST_JSON, MOST_PARTS = 2_000_000, 100_000
+"""Characters, and commas and brackets, of a problem or an anatomy in JSON: more than a file with
+all that a trunk can do makes, and few enough for every one to be at fault."""
 
 
 _OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories of what a terminal obeys or hides
@@ -102,21 +108,38 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not UTF-8 text, which TOML is; save it as UTF-8.") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not valid TOML: {error}.") from None
+        raise InputError(f"{path}: is not valid TOML: {_toml_fault(error, content)}.") from None
     except ValueError:
         raise InputError(
             f"{path}: has a whole number of thousands of digits; expected at most "
             f"{sys.get_int_max_str_digits():,} digits."
         ) from None
     try:
-        return model.model_validate_json(text)
+        found = model.model_validate_json(text)
+        check_json(found.model_dump_json())  # a plan of it has to be saved
+        return found
+    except InputError as error:
+        raise InputError(f"{path}: {error}. Leave out what is not needed.") from None
     except ValidationError as error:
-        faults = error.errors()
+        faults = error.errors(include_url=False)
         told = _telling(faults[: 10 * MOST_FAULTS], data)[:MOST_FAULTS]
         lines = [f"  {_describe(fault, model)}" for fault in told]
         if len(faults) > 10 * MOST_FAULTS:
             lines.append("  and many more.")
         raise InputError("\n".join([f"{path}:", *lines])) from None
+
+
+def _toml_fault(error: tomllib.TOMLDecodeError, content: bytes) -> str:
+    """What is wrong with a TOML file; of a key that is there twice, which one and where."""
+    told = str(error)
+    if not told.startswith("Cannot overwrite a value"):
+        return told
+    lines = content.decode("utf-8-sig").rstrip().splitlines()
+    found = re.search(r"at line ([0-9]+)", told)
+    number = int(found[1]) if found else len(lines)  # none at the end of the file
+    key, equals, _ = lines[number - 1].partition("=")
+    which = f"{_clean(key.strip())}: this key" if equals else "the key of what ends here"
+    return f"line {number}: {which} is there already; expected each key once"
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -138,6 +161,16 @@ def read_bytes(path: Path, most: int) -> bytes:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({reason}).") from None
+
+
+def check_json(text: str) -> None:
+    """Raise InputError unless a problem or an anatomy in JSON is as short as one may be."""
+    parts = sum(map(text.count, ",[{"))
+    if len(text) > LONGEST_JSON or parts > MOST_PARTS:
+        raise InputError(
+            f"is too large, with {len(text):,} characters and {parts:,} parts once defaults are "
+            f"filled in; expected at most {LONGEST_JSON:,} and {MOST_PARTS:,}"
+        )
 
 
 def is_file(path: Path) -> bool:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,9 @@ from .reading import printable
 from .solver import Solve
 from .violations import Violation
 
-MOST_TEXT = 32_000_000
-MOST_NESTED, MOST_ENTRIES = 800_000, 3_000_000
-"""Characters, brackets and commas of a JSON text; a solve has a bracket for each iteration."""
+MOST_TEXT = 8_000_000
+MOST_NESTED, MOST_ENTRIES = 150_000, 600_000
+"""Characters, brackets and commas of JSON texts; a solve has a bracket for each iteration."""
 SLACK = 1e-6
 """By which an auxiliary solution may exceed a bound, as in `verification`."""
 
@@ -43,10 +44,19 @@ def json_of(text: str) -> Any:
         raise InputError("its text is nested too deeply; expected a few levels") from None
 
 
-def fits(text: str) -> bool:
-    """Whether a JSON text is of a size that is read."""
-    nested = text.count("[") + text.count("{")
-    return len(text) <= MOST_TEXT and nested <= MOST_NESTED and text.count(",") <= MOST_ENTRIES
+def fits(*texts: str) -> bool:
+    """Whether JSON texts are together of a size that is read."""
+    nested = sum(text.count("[") + text.count("{") for text in texts)
+    commas = sum(text.count(",") for text in texts)
+    return sum(map(len, texts)) <= MOST_TEXT and nested <= MOST_NESTED and commas <= MOST_ENTRIES
+
+
+def recorded(solves: Sequence[Solve], *others: str) -> str:
+    """Records of solves in JSON; what does not fit beside others goes without its iterations."""
+    text = json.dumps([asdict(solve) for solve in solves])
+    if fits(text, *others):
+        return text
+    return json.dumps([asdict(replace(solve, history=solve.history[-1:])) for solve in solves])
 
 
 def _cleaned(value: Any) -> Any:

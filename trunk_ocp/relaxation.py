@@ -96,7 +96,7 @@ def said(steps: Sequence[int]) -> str:
     return f"step{'s' * (len(steps) > 1)} {', '.join(words)}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Elastic:
     """All bounds of a motion as rows: lower <= C (x, s) <= upper, s >= 0 one for each bound.
 

@@ -7,9 +7,10 @@ claim of the file: `Plan.status` finds out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from .anatomy import AnatomySpec
 from .collocation import Mesh
@@ -18,10 +19,12 @@ from .motion import Motion, build_motion
 from .netcdf import Contents
 from .problem_file import MOST_STEPS, ProblemSpec
 from .provenance import fingerprint
+from .reading import check_json
 from .records import (
     check_near,
     count,
     entries,
+    fits,
     json_of,
     number,
     solve_of,
@@ -35,8 +38,11 @@ from .transcription import Weights
 
 MOST_NODES = 800
 """Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
-LONGEST_SPEC = 2_000_000
-"""Characters of a problem or an anatomy in JSON: twice what the largest TOML file makes."""
+MOST_FAULTS = 20  # of a problem; of more only their number is told, as each takes memory
+Section = TypeVar("Section", ProblemSpec, AnatomySpec)
+
+
+RECORDS = ("notes", "solves", "versions", "options")
 
 
 def restored(contents: Contents) -> Plan:
@@ -89,22 +95,36 @@ def check_size(mesh: Mesh) -> None:
 
 
 def check_texts(texts: Sequence[str]) -> None:
-    """Raise InputError unless problem and anatomy in JSON are as short as a plan may have them."""
-    if max(map(len, texts)) > LONGEST_SPEC:
-        raise InputError(
-            f"its problem or anatomy is too large; expected at most {LONGEST_SPEC:,} characters"
-        )
+    """Raise InputError unless a problem and an anatomy in JSON are as short as they may be."""
+    for name, text in zip(("problem", "anatomy"), texts, strict=True):
+        try:
+            check_json(text)
+        except InputError as error:
+            raise InputError(f"its {name} {error}") from None
 
 
 def _motion(attributes: dict[str, Any]) -> Motion:
     texts = [words(attributes[f"{name}_json"]) for name in ("problem", "anatomy")]
     check_texts(texts)
-    spec = ProblemSpec.model_validate_json(texts[0])
-    anatomy = AnatomySpec.model_validate_json(texts[1])
+    spec, anatomy = _valid(ProblemSpec, texts[0]), _valid(AnatomySpec, texts[1])
     for name, part in (("problem", spec), ("anatomy", anatomy)):
         if attributes[f"{name}_sha256"] != fingerprint(part):
             raise InputError(f"its {name} was changed after the plan was made")
     return build_motion(spec, anatomy)
+
+
+def _valid(model: type[Section], text: str) -> Section:
+    """A problem or an anatomy; InputError with its first fault."""
+    try:
+        return model.model_validate_json(text)
+    except ValidationError as error:
+        count = error.error_count()
+        told = f"{count:,} faults"
+        if count <= MOST_FAULTS:
+            fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            where = ".".join(str(part) for part in fault["loc"][:10])
+            told = f"{where}: {fault['msg']}" + (f", and {told} in all" if count > 1 else "")
+        raise InputError(f"it has no valid {model.__name__[:-4].lower()} ({told})") from None
 
 
 def _near(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.ndarray]:
@@ -129,6 +149,9 @@ def _near(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.nda
 
 def _record(attributes: dict[str, Any]) -> dict[str, Any]:
     """How the plan was made, as far as a file can say."""
+    texts = [words(attributes.get(f"{name}_json", "")) for name in RECORDS]
+    if not fits(*texts):
+        raise InputError("its records are too large; expected those of one plan")
     listed = {name: json_of(words(attributes[f"{name}_json"])) for name in ("notes", "solves")}
     named = {
         name: table(json_of(words(attributes.get(f"{name}_json", "{}"))))

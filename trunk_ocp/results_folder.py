@@ -56,8 +56,7 @@ def default_folder(problem: str, motion: Motion) -> Path:
     """
     folder = Path("results") / motion.name
     told = _table(folder / SOURCE)
-    found = (told.get("problem_sha256"), told.get("anatomy_sha256"))
-    if told and not is_of(folder, problem) and found != hashes(motion):
+    if told and not is_of(folder, problem) and _hashes_in(told) != hashes(motion):
         raise InputError(
             f"{folder}: has results of another problem with the same name, {_shown(told, folder)}; "
             f"expected results of {problem} or none. Name another folder with --out, or give one "
@@ -67,7 +66,7 @@ def default_folder(problem: str, motion: Motion) -> Path:
 
 
 def sign(folder: Path, problem: str, motion: Motion) -> None:
-    """Keep of which problem file a `default_folder` is."""
+    """Keep of which problem file a folder's results are."""
     problem_hash, anatomy_hash = hashes(motion)
     told = {
         "file": _source(problem, folder),
@@ -106,6 +105,11 @@ def hashes(motion: Motion) -> tuple[str, str]:
     return fingerprint(motion.spec), fingerprint(motion.anatomy)
 
 
+def _hashes_in(told: dict[str, Any]) -> tuple[Any, Any]:
+    """The same of a source.json or a summary.json."""
+    return told.get("problem_sha256"), told.get("anatomy_sha256")
+
+
 def _table(path: Path) -> dict[str, Any]:
     """A table in JSON; an empty one if there is none that can be read."""
     with contextlib.suppress(InputError, ValueError, RecursionError):
@@ -123,28 +127,48 @@ class Aside:
 
     folder: Path
     moved: list[tuple[Path, Path]] = field(default_factory=list)
+    whole: bool = False
+    """Whether all of it stays, as it is of another problem."""
 
     def settle(self) -> Path | None:
         """Remove what has been replaced since; the folder, if anything in it has not been."""
         for before, now in self.moved:
-            if before.exists():
+            if before.exists() and not self.whole:
                 now.unlink(missing_ok=True)
         _remove_empty({now.parent for _, now in self.moved}, self.folder.parent)
         return self.folder if self.moved and self.folder.exists() else None
 
 
-def set_aside(folder: Path, plans: Sequence[tuple[str, Plan, str]]) -> Aside:
-    """Move aside what is out of date once plans are saved to a folder.
+def set_aside(folder: Path, plans: Sequence[tuple[str, Plan, str]], problem: str) -> Aside:
+    """Move aside what is out of date once plans of a problem file are saved to a folder.
 
     That is what was made from an earlier plan in place of a new one, and plans of another problem
     or anatomy with all that was made from them. A plan that comes out as before leaves its own.
+    A file that was edited is the same problem, whose new plan replaces the one before.
 
     plans : folder name, plan and activations.csv of each new plan.
     """
-    return _move(list(_out_of_date(folder, plans)), folder)
+    motion = plans[0][1].motion
+    summaries = [told for own in modes(folder) if (told := _table(own / "summary.json"))]
+    other = any(_hashes_in(told) != hashes(motion) for told in summaries) and (
+        not is_of(folder, problem) or any(told.get("problem") != motion.name for told in summaries)
+    )
+    return _move(list(_out_of_date(folder, plans, other)), folder, other)
 
 
-def _move(stale: Sequence[Path], folder: Path) -> Aside:
+def set_derived_aside(own: Path, motion: Motion, table: str) -> None:
+    """Move aside what was made from a folder's plan, if one with another table is saved there."""
+    told = _table(own / "summary.json")
+    if told and not (_hashes_in(told) == hashes(motion) and _unchanged(own, table)):
+        _move(list(_files(own, OF_PLAN)), own)
+
+
+def set_unfinished_aside(folder: Path, files: Sequence[Path]) -> Path | None:
+    """Move files of unfinished runs aside, as others begin in their place; where they are now."""
+    return _move(files, folder).settle()
+
+
+def _move(stale: Sequence[Path], folder: Path, whole: bool = False) -> Aside:
     """Move files of a folder to a folder in it that was not there before."""
     number, aside = 1, folder / EARLIER
     while aside.exists() or aside.is_symlink():
@@ -157,7 +181,7 @@ def _move(stale: Sequence[Path], folder: Path) -> Aside:
         os.replace(path, target)
         moved.append((path, target))
     _remove_empty({path.parent for path in stale}, folder)
-    return Aside(aside, moved)
+    return Aside(aside, moved, whole)
 
 
 def set_figures_aside(folder: Path, *names: str) -> None:
@@ -166,21 +190,32 @@ def set_figures_aside(folder: Path, *names: str) -> None:
     _move(list(_files(folder, {".": wanted})), folder)
 
 
-def _out_of_date(folder: Path, plans: Sequence[tuple[str, Plan, str]]) -> Iterator[Path]:
+def modes(folder: Path) -> list[Path]:
+    """Folders of plans in a folder, by the names that this program gives."""
+    with contextlib.suppress(OSError):
+        return sorted(
+            path for path in folder.iterdir() if MODE.fullmatch(path.name) and not path.is_symlink()
+        )
+    return []
+
+
+def _out_of_date(
+    folder: Path, plans: Sequence[tuple[str, Plan, str]], other: bool
+) -> Iterator[Path]:
     new = {name: (plan, table) for name, plan, table in plans}
     expected = hashes(plans[0][1].motion)
     changed = other_anatomy = False
     with contextlib.suppress(OSError):
-        for own in sorted(path for path in folder.iterdir() if MODE.fullmatch(path.name)):
+        for own in modes(folder):
             told = _table(own / "summary.json")
-            if own.is_symlink() or not told:
+            if not told:
                 continue
-            found = (told.get("problem_sha256"), told.get("anatomy_sha256"))
+            found = _hashes_in(told)
             if found == expected and (own.name not in new or _unchanged(own, new[own.name][1])):
                 continue
             changed, other_anatomy = True, other_anatomy or found[1] != expected[1]
             yield from _files(own, OF_PLAN)
-            if own.name not in new:
+            if own.name not in new or (other and found != expected):
                 yield from (own / name for name in RESULTS if _is_own_file(own / name))
     if changed:
         for path in _files(folder, OF_RUN):

@@ -20,7 +20,7 @@ from .rod import RATES, STATES
 from .terms import base
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Unknowns:
     """Indices in x of one step's unknowns."""
 
@@ -47,7 +47,7 @@ class Unknowns:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RodEquations:
     """Variables and equations of one rod, counted from 0, without the box of x and the loads.
 

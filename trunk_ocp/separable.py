@@ -24,7 +24,7 @@ OBJECTIVE, CONSTRAINTS = slice(0, 1), slice(1, None)  # rows of F
 Place = tuple[ca.MX, ca.MX]  # w (n, N) and p (k, N) of a term
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """One small function at many places.
 
@@ -51,7 +51,7 @@ class Term:
         return self.variables.shape[1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Programme:
     """A nonlinear programme: minimise F[0] subject to bounds on x and on g = F[1:].
 

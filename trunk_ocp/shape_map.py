@@ -40,7 +40,7 @@ DEFECT = 1e-7  # with which a shape counts as resolved; see PointShapes.defect
 HALVINGS = 4  # of the steps, where a shape bends too sharply for them
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Controls:
     """Checked arguments of a batch, with its axes in one: B shapes."""
 

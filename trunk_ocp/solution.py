@@ -71,7 +71,7 @@ class Objective:
         return self.tracking + self.effort + self.rate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """The moving trunk at one instant; `after` on the later side of a jump of the loads."""
 
@@ -91,7 +91,7 @@ def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Plan:
     """A motion with the activations and head angles that perform it.
 
@@ -323,7 +323,7 @@ def squared_rate(plan: Plan) -> float:
     return float(np.sum(change**2 / duration[:, None]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StepErrors:
     """Errors of one time step, target by target.
 

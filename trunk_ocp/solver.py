@@ -103,7 +103,7 @@ class Solve:
         return self.message in CONVERGED
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """What one solve of a window ended with; the multipliers are those at `full`."""
 
@@ -125,7 +125,7 @@ class Outcome:
         return self.message in (STOPPED, LATE)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Derivatives:
     """Constraints, gradient, sparse Jacobian, Hessian of the Lagrangian, and multipliers.
 
@@ -289,7 +289,7 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
     return float(sum(stats[f"t_wall_{name}"] for name in functions))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Point:
     """A point of a programme, with its multipliers as a later solve takes them."""
 

@@ -39,7 +39,7 @@ from .statics import Shape
 NEUTRAL = 1e-5  # share of the stiffness; on the meshes of plans the margin is off by up to 2e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stability:
     """How far equilibria are from buckling, with the batch axes (...) of their shapes.
 

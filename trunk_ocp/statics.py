@@ -36,7 +36,7 @@ MOST_GROWTH = 1e4  # of rounding errors from base to tip; some 200 on the elepha
 UNRESOLVED = 0.95  # defect of a shape whose frames have shrunk to nothing, which no rod has
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Shape:
     """Equilibrium shapes of a trunk, with any leading batch axes (...).
 
@@ -308,7 +308,7 @@ def unloaded_shape(trunk: Trunk, mesh: Mesh, x: np.ndarray, loads: Sequence[Load
     return problem.shape(problem.unloaded(), (len(x),))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Problem:
     """A batch of B rods: activation (B, muscles), head (B, 2), one load each."""
 

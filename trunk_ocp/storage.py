@@ -11,8 +11,6 @@ import csv
 import io
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -27,10 +25,10 @@ from .files import replacing, write
 from .netcdf import read_netcdf
 from .provenance import fingerprint
 from .reading import printable, read_bytes
-from .records import fits
+from .records import recorded
 from .restoring import check_size, check_texts, restored
+from .results_folder import set_derived_aside
 from .solution import Plan, Status
-from .solver import Solve
 from .threads import one_thread
 
 SOLUTION = "solution.nc"
@@ -39,6 +37,7 @@ LARGEST_FILE = 100_000_000
 """Bytes; twice a plan of as many steps as a motion may have."""
 FORMULAS = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # the wide ones of East Asia too
 LONGEST_REASON = 500  # characters of what is wrong with a file
+MOST_PLANS = 5  # that a message names
 UNITS = {
     "time": "s",
     "seconds": "s of wall time",
@@ -57,6 +56,9 @@ UNITS = {
 def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is made if need be; each file whole or not at all.
 
+    It replaces a plan that is there. What was made from that one, such as figures and exports,
+    moves to `earlier/` in the folder, unless both are the same.
+
     Raises
     ------
     InputError
@@ -67,7 +69,9 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
     report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
-    write(folder / "activations.csv", activations_table(plan))
+    table = activations_table(plan)
+    set_derived_aside(folder, plan.motion, table)
+    write(folder / "activations.csv", table)
     with replacing(folder / SOLUTION) as path:
         labelled.to_netcdf(path, engine="scipy")
     write(folder / "summary.json", report)
@@ -112,9 +116,10 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     """
     path = Path(folder)
     path = path if path.name == SOLUTION and not path.is_dir() else path / SOLUTION
+    content = _content(path)
     try:
         with np.errstate(all="ignore"):  # numbers beyond all reason are the plan's status to tell
-            plan = restored(read_netcdf(read_bytes(path, LARGEST_FILE)))
+            plan = restored(read_netcdf(content))
     except Exception as error:  # a damaged file breaks its readers in ways of their own
         reason = printable(f"{error}")
         reason = reason if len(reason) <= LONGEST_REASON else reason[:LONGEST_REASON] + "..."
@@ -122,6 +127,23 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
             f"{path}: cannot be read as a plan ({reason}); expected a file written by solve-motion."
         ) from None
     return plan.checked() if throw else plan
+
+
+def _content(path: Path) -> bytes:
+    """Content of a solution.nc; InputError, with where plans are if it is a folder of folders."""
+    if not path.exists():
+        plans = sorted(str(found.parent) for found in path.parent.glob(f"*/{SOLUTION}"))
+        if plans:
+            more = f" or {len(plans) - MOST_PLANS} more" if len(plans) > MOST_PLANS else ""
+            raise InputError(
+                f"{path.parent}: has a folder for each of its plans, and is none itself; expected "
+                f"{printable(' or '.join(plans[:MOST_PLANS]))}{more}."
+            )
+        raise InputError(
+            f"{path}: cannot be read as a plan (no such file); expected a file written by "
+            "solve-motion."
+        )
+    return read_bytes(path, LARGEST_FILE)
 
 
 def summary(plan: Plan) -> dict[str, Any]:
@@ -272,12 +294,13 @@ def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
 def _attributes(plan: Plan) -> dict[str, Any]:
     """What is not an array: the problem itself, and how the plan was made."""
     motion = plan.motion
+    others = [json.dumps(part) for part in (plan.notes, plan.versions, plan.options)]
     return {
         "title": motion.spec.title or motion.name,
         "problem_json": motion.spec.model_dump_json(),
         "anatomy_json": motion.anatomy.model_dump_json(),
-        "notes_json": json.dumps(plan.notes),
-        "solves_json": _records(plan.solves),
+        "notes_json": others[0],
+        "solves_json": recorded(plan.solves, *others),
         "status": plan.status.name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
@@ -291,20 +314,12 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "seconds_solve": plan.solve_seconds,
         "seconds_derivatives": plan.derivative_seconds,
         "seconds_total": plan.total_seconds,
-        "versions_json": json.dumps(plan.versions),
-        "options_json": json.dumps(plan.options),
+        "versions_json": others[1],
+        "options_json": others[2],
         "problem_sha256": fingerprint(motion.spec),
         "anatomy_sha256": fingerprint(motion.anatomy),
         "source": f"trunk_ocp {version('trunk_ocp')}",
     }
-
-
-def _records(solves: Sequence[Solve]) -> str:
-    """Records of solves in JSON; of thousands that went on and on, without what each step was."""
-    text = json.dumps([asdict(solve) for solve in solves])
-    if fits(text):
-        return text
-    return json.dumps([asdict(replace(solve, history=solve.history[-1:])) for solve in solves])
 
 
 def activations_table(plan: Plan) -> str:

@@ -54,7 +54,7 @@ class Weights:
     rate: float = 1e-5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Goal:
     """One position or direction asked for: a squared error, weighted by its last parameter.
 

@@ -81,7 +81,7 @@ def _solve_some(
             _solve_some(trunk, x, loads, shape, half, path)
 
 
-@dataclass
+@dataclass(eq=False)
 class _TwoPoint:
     """H rods cut into K intervals; a row is an interval of a rod, rod by rod.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import fnmatch
 import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -34,6 +35,9 @@ Section = TypeVar("Section", TargetSpec, WrapSpec)
 Limits = TypeVar("Limits", LimitsSpec, BoundsSpec)
 Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
 
+MOST_MATCHES = 1_000_000
+"""Muscles times different patterns of a problem's bounds: half a second's work."""
+MOST_SHOWN, LONGEST_SHOWN = 100, 200  # muscles in a message, and characters of a pattern
 POINTS, CURVES = ("position", "center"), ("path", "through")
 """Keys of one point, and of several; a row may have more numbers before its point."""
 
@@ -96,7 +100,7 @@ def unaided_spec(spec: ProblemSpec) -> ProblemSpec:
     return spec.model_copy(update={"phases": tuple(phases)})
 
 
-def mirrored_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
+def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
     """The problem in the mirror, the plane Y = 0; `muscles` are the names of the trunk's."""
     moved = _with_points(spec, _reflected)
     phases = (
@@ -208,7 +212,7 @@ def _other_loads(loads: LoadsSpec) -> LoadsSpec:
     return loads.model_copy(update=update)
 
 
-def _other_limits(limits: Limits, muscles: Sequence[str]) -> Limits:
+def _other_limits(limits: Limits, muscles: tuple[str, ...]) -> Limits:
     """Bounds in the mirror: of the muscles on the other side, psi_Z the other way."""
     pairs: dict[str, tuple[float, float]] = {}
     for pattern, pair in limits.muscles.items():
@@ -218,7 +222,38 @@ def _other_limits(limits: Limits, muscles: Sequence[str]) -> Limits:
     return _other_angle(limits.model_copy(update={"muscles": pairs}))
 
 
-def _other_names(pattern: str, muscles: Sequence[str]) -> list[str]:
+def named_muscles(spec: ProblemSpec, muscles: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Indices of the muscles that each pattern of a problem's bounds names.
+
+    Raises
+    ------
+    InputError
+        If there are too many patterns for that many muscles.
+    """
+    limits = (spec.bounds, *(phase.bounds for phase in spec.phases))
+    every = {pattern for part in limits for pattern in part.muscles}
+    patterns = {pattern for pattern in every if set(pattern) & set("*?[")}
+    if len(patterns) * len(muscles) > MOST_MATCHES:
+        raise InputError(
+            f"bounds.muscles: {len(patterns):,} different patterns in all phases for "
+            f"{len(muscles):,} muscles; expected at most {MOST_MATCHES // len(muscles):,}. Give "
+            "the muscles' names, or let a pattern stand for more of them."
+        )
+    places = {name: [i] for i, name in enumerate(muscles)}
+    found = {name: places.get(name, []) for name in every - patterns}
+    for pattern in patterns:
+        found[pattern] = [i for i, name in enumerate(muscles) if fnmatch.fnmatchcase(name, pattern)]
+    return {pattern: np.array(indices, dtype=int) for pattern, indices in found.items()}
+
+
+def listed(muscles: tuple[str, ...]) -> str:
+    """Names of muscles, as many as one reads."""
+    more = f" and {len(muscles) - MOST_SHOWN:,} more" if len(muscles) > MOST_SHOWN else ""
+    return ", ".join(muscles[:MOST_SHOWN]) + more
+
+
+@lru_cache(maxsize=10_000)  # the same few patterns in every phase
+def _other_names(pattern: str, muscles: tuple[str, ...]) -> list[str]:
     """Patterns for the partners of the muscles that a pattern names."""
     other = {"R": "L", "L": "R"}
     if pattern[:1] in other:

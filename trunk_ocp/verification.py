@@ -30,7 +30,7 @@ PLAUSIBLE_STRETCH = (0.5, 2.0)
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Verification:
     """What the independent check found, one entry for each time step.
 

@@ -82,7 +82,7 @@ def _slices(sizes: dict[str, int]) -> dict[str, slice]:
     }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tables:
     """Numbers of a model: E elements of d Gauss points, S segments, n points Z.
 

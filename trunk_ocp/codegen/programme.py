@@ -42,7 +42,7 @@ ROOM = 0.05
 """How far the random point of the check file is from the start, in the programme's units."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Exported:
     """A motion's programme as the planner makes it for a horizon, and the passive trunk in it."""
 

@@ -17,7 +17,7 @@ HALVINGS = 5  # at most, between two time steps
 HOLD = 1e-3  # s; how long a jump takes, since moments of a file cannot coincide
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Keyframes:
     """The moving trunk at n times, all different.
 

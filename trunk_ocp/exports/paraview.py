@@ -117,7 +117,7 @@ def _extension(shape: Shape, Z: np.ndarray) -> np.ndarray:
     return extension
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PolyData:
     """A VTK surface or line in the file format of XML (.vtp).
 

@@ -15,7 +15,7 @@ from ..statics import Shape
 EDGE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A closed moving surface with its edges cut open, so that each side has its own normals.
 

@@ -15,7 +15,7 @@ from ..statics import Shape, solve_statics
 SAME = 1e-9  # s; times as near as this are one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Instant:
     """The trunk at a time in s: activations (muscles,), and its shape with a batch axis of 1.
 

@@ -23,7 +23,7 @@ DARKEST = 0.55  # of a colour, where no light falls
 FACETS = 20  # around a round body
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """Where the reader stands: unit vectors along the paper, and out of it."""
 
@@ -55,7 +55,7 @@ QUARTER = towards("three-quarter", (0.9, 0.8, -0.4))
 VIEWS = (SIDE, FRONT, QUARTER)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """Facets (k, 4, 3) in m, seen from outside counter-clockwise, of one colour."""
 

@@ -50,7 +50,7 @@ MOST_TRUNKS = 6  # in a row
 LONGEST = 105.0  # mm on paper for the trunk's length, even where little happens
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
     """What one phase shows, or all phases from `number` to `last`."""
 

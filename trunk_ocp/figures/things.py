@@ -13,7 +13,7 @@ from ..solution import Plan
 from ..targets import Held
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Log:
     """A cylinder about e_Y that the trunk wraps around: center (3,), radius and length in m."""
 
@@ -22,7 +22,7 @@ class Log:
     length: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mark:
     """A target position (3,) in m, where the trunk got instead, and the wanted directions.
 

@@ -21,7 +21,7 @@ NEAR = 1e-9  # s
 SLENDERNESS = 12.0  # length by radius of a log of which only the radius is given
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Thing:
     """Something that is moved: its description for the page and its centre (n, 3) in m."""
 

@@ -123,7 +123,7 @@ def _stacked(shapes: list[Shape]) -> Shape:
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
     """Points Z (n,) in m of the cross-sections; segment i begins at number `edges[i]`."""
 

@@ -62,7 +62,7 @@ def _unit(fibre: Fibre, k: int, sign: float) -> np.ndarray:
     return cost
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Freedom:
     """What a motion leaves each muscle free to do.
 

@@ -26,7 +26,7 @@ ACCURACY = 1e-9  # of the linear programmes, in activations
 ROUND_OFF = 1e-10  # of the strongest effect on strains, that counts as none
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fibre:
     """Activations of one segment at consecutive steps that leave the planned strains.
 
