@@ -279,7 +279,7 @@ def test_a_missed_target_comes_with_what_the_bounds_cost(ends):
     missed, reach, pressed = explain(plan).findings
     worst = 1e3 * plan.errors[0].position[0]
     assert f"step 1: the target at Z = 1.75 m is missed by {worst:.4g} mm" in missed.details[0]
-    assert "would be reached if these bounds gave" in reach.what
+    assert "would be reached if these bounds were relaxed" in reach.what
     assert all("activation of" in detail and "from -0.1 to" in detail for detail in reach.details)
     at = [m for m, x in zip(plan.motion.trunk.muscles, plan.activations[0], strict=True)
           if x < -0.0999]  # fmt: skip
@@ -380,7 +380,7 @@ def test_effects_are_told_in_millimetres():
     plan = plan_motion(replace(first_steps("lift-log", 3), extension=(0.75, 1.35)))
     responses = explain(plan).responses
     first = responses[0]
-    (sentence, *_) = effects(responses)
+    (sentence, *_) = effects(responses, plan.motion.trunk.length)
     assert sentence == (
         f"extension of segment 1 (steps 1, 3), 0.75 moved by -0.0075: the worst point comes "
         f"{-1e3 * first.worst:.2g} mm closer, the mean distance {-1e3 * first.mean:.2g} mm closer"

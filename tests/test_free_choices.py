@@ -106,7 +106,8 @@ def test_what_a_head_held_straight_costs_is_measured(tmp_path):
     free, held = leaf(tmp_path), leaf(tmp_path, "[0.0, 0.0]")
     (text,) = told(free, WORTH)
     assert "every target is still reached" in text
-    percent = float(text.split("psi_Z costs ")[1].split(" %")[0])
+    assert text.startswith("holding psi_Z at 0 (head_z_deg = [0.0, 0.0] in [bounds]) raises the ")
+    percent = float(text.split("raises the objective by ")[1].split(" %")[0])
     assert percent == pytest.approx(
         100 * (held.objective.total / free.objective.total - 1), rel=0.1, abs=0.1
     )
@@ -138,6 +139,6 @@ def test_no_muscle_is_said_to_contract_that_may_only_lengthen(tmp_path):
     pressed = at_bounds(longer)
     assert pressed["contraction"] == {}
     assert pressed["lengthening"] == {plan.motion.trunk.muscles[3]: [1, 2, 3, 4, 5, 6]}
-    warned = [f for f in explain(longer, deep=False).findings if "made to lengthen" in f.what]
+    warned = [f for f in explain(longer, deep=False).findings if "lengthen actively" in f.what]
     assert plan.motion.trunk.muscles[3] in warned[0].details[0]
-    assert not any("made to lengthen" in f.what for f in explain(plan, deep=False).findings)
+    assert not any("lengthen actively" in f.what for f in explain(plan, deep=False).findings)

@@ -465,7 +465,7 @@ mass in g | duration = 1.0 | duration = 1.0\nloads.tip_mass = 12000.0 | tip_mass
 log in g/cm^3 | duration = 1.0 | duration = 1.0\nloads.log = { contact_from = 1.4, radius = 0.07, length = 1.0, density = 0.8 } | density & 800 for kg
 way points as a path | position = [0.6, 0.1, 1.2] | path = [[0.6, 0.1, 1.2], [0.7, 0.1, 1.2], [0.7, 0.2, 1.2], [0.6, 0.2, 1.2], [0.6, 0.1, 1.1]] | targets[1].path & 5 points & Bezier & through
 way points beside steps | position = [0.6, 0.1, 1.2] | through = [[0.25, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through & 1 of them & steps = 4
-way point at rest | position = [0.6, 0.1, 1.2] | through = [[0.0, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through[1] & at rest & not asked for
+way point at rest | position = [0.6, 0.1, 1.2] | through = [[0.0, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through[1] & start of the motion & is ignored
 nothing asked | Z = 1.75 | Z = 1.75\nposition_weight = 0.0 | every weight is 0
 """  # noqa: E501  # one row a slip
 
@@ -494,7 +494,7 @@ ANATOMY_SLIPS = {
     "taper to a point": (
         "[material]",
         "taper_deg = 2.862\n[material]",  # atan(0.05) is 2.8624
-        "taper_deg & nearly a point & make it smaller",
+        "taper_deg & nearly a point & write a smaller taper_deg",
     ),
     "taper in radians": (
         "[material]",

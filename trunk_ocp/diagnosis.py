@@ -17,9 +17,9 @@ from .activation import strains
 from .anatomy import Trunk
 from .deferred_signals import deferred_interrupts
 from .free_choices import held_heads, one_sided
-from .motion import allowed
+from .motion import Motion, allowed
 from .postoptimal import Response, responses
-from .relaxation import PHYSICAL, Excess, contradictions, nearest, reach, said
+from .relaxation import PHYSICAL, Excess, contradictions, in_words, nearest, reach, said
 from .reporting import Reporter
 from .solution import Plan, Status
 from .solver import Solve
@@ -31,7 +31,7 @@ from .violations import Violation
 MOST = 6  # effects that are told
 NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
 LOW_MARGIN = 0.2  # of stability, below which a plan is warned of
-MATTERS = 1e-6  # m; smaller effects of a bound are not told
+MATTERS = 1e-6 / 1.75  # of the trunk's length; smaller effects of a bound are not reported
 
 MEANINGS = {
     "Infeasible_Problem_Detected": "no nearby point keeps the constraints any better",
@@ -130,7 +130,7 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
         if excesses:
-            yield _contradicting(excesses)
+            yield _contradicting(excesses, plan.motion)
         yield _not_converged(plan, advise=not excesses)
         return
     if plan.verification.faults:
@@ -141,10 +141,9 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if plan.missed:
         yield _missed(plan)
         if deep:
-            several = sum(len(step.targets) for step in plan.motion.steps) > 1
             found = reach(plan, reporter)
             yield (
-                _within_reach(found, several)
+                _within_reach(found, plan.motion)
                 if found is not None
                 else _out_of_reach(plan, reporter)
             )
@@ -183,11 +182,11 @@ def _next_try(solve: Solve, steps: int) -> str:
     return f"Start elsewhere (--starts 4){fewer}."
 
 
-def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
+def _contradicting(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
     return Finding(
         "failure",
         "the bounds exclude each other, whatever is done; the least that would reconcile them:",
-        tuple(map(str, excesses)),
+        in_words(excesses, motion),
         "Loosen these in the problem file.",
         excesses,
     )
@@ -266,14 +265,14 @@ def _out_of_reach(plan: Plan, reporter: Reporter | None) -> Finding:
         told = ()  # a matter of directions, or of another way there
     return Finding(
         "failure",
-        f"no bounds that a body could have would do ({PHYSICAL}): no motion near this plan reaches "
+        f"no physically plausible bounds suffice ({PHYSICAL}): no motion near this plan reaches "
         "all targets within them",
         told,
         "Move the targets, or widen [tolerance].",
     )
 
 
-def _within_reach(excesses: tuple[Excess, ...], several: bool) -> Finding:
+def _within_reach(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
     if not excesses:
         return Finding(
             "failure",
@@ -281,11 +280,11 @@ def _within_reach(excesses: tuple[Excess, ...], several: bool) -> Finding:
             (),
             "Give the missed targets more weight, or start elsewhere (--starts 4).",
         )
-    what = "all targets would be reached if these bounds gave:"
+    what = "all targets would be reached if these bounds were relaxed:"
     advice = "Loosen these in the problem file, or move the targets."
-    if several:
-        advice += " A plan may still miss some in favour of others: give those more weight."
-    return Finding("failure", what, tuple(map(str, excesses)), advice, excesses)
+    if sum(len(step.targets) for step in motion.steps) > 1:
+        advice += " A plan may still miss some in favor of others: give those more weight."
+    return Finding("failure", what, in_words(excesses, motion), advice, excesses)
 
 
 # --- what a plan leans on ----------------------------------------------------------------
@@ -312,10 +311,10 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     peaks = plan.activations.max(axis=0)
     longer = [n for n, peak in zip(plan.motion.trunk.muscles, peaks, strict=True) if peak > NEAR]
     if longer:
-        told = (
-            f"{', '.join(longer)}: activations up to {peaks.max():.3g}, and negative contracts",
-        )
-        yield Finding("warning", "muscles are made to lengthen, which none does by itself", told)
+        more = f" and {len(longer) - MOST} more" if len(longer) > MOST else ""
+        names = ", ".join(longer[:MOST]) + more
+        told = (f"{names}: activations up to {peaks.max():.3g}; negative contracts",)
+        yield Finding("warning", "muscles lengthen actively, which no muscle can do", told)
     if not plan.converged:
         return
     margin = plan.stability.margin
@@ -338,7 +337,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         )
     if plan.near and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
-        yield Finding("note", "the plan leaves the horizon's bounds on change", told)
+        yield Finding("note", "the plan exceeds the horizon's bounds on change", told)
 
 
 def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
@@ -407,15 +406,18 @@ def _side(value: float, lower: float, upper: float) -> int:
     return int(value >= upper - near) - int(value <= lower + near)
 
 
-def effects(responses: tuple[Response, ...], most: int = MOST) -> list[str]:
-    """What a little more of the strongest bounds would bring, one sentence for each bound."""
+def effects(responses: tuple[Response, ...], length: float, most: int = MOST) -> list[str]:
+    """What a little more of the strongest bounds would bring, one sentence for each bound.
+
+    Effects that are nothing beside the trunk's length, in m, are left out.
+    """
     told: dict[str, str] = {}
     for response in responses:
-        if response.name in told or abs(response.worst) < MATTERS:
+        if response.name in told or abs(response.worst) < MATTERS * length:
             continue
         unit = " deg" if "psi" in response.name else ""
         told[response.name] = (
-            f"{response.name} ({said(response.steps)}), {response.value:.4g}{unit} moved by "
+            f"{response.name} ({said(response.steps)}), {response.value + 0.0:.4g}{unit} moved by "
             f"{response.moved:+.2g}: the worst point comes {_way(response.worst)}, the mean "
             f"distance {_way(response.mean)}"
         )

@@ -92,8 +92,8 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
         )
     tip = spec.base_radius_over_length - math.tan(math.radians(spec.taper_deg))
     if tip < POINTED * spec.base_radius_over_length:
-        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point"
-        yield "taper_deg", spec.taper_deg, f"{text}, that bends without limit; make it smaller"
+        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point, which bends"
+        yield "taper_deg", spec.taper_deg, f"{text} without limit; write a smaller taper_deg"
     if 0 < spec.taper_deg < 0.15:
         yield "taper_deg", spec.taper_deg, _radians((spec.taper_deg,))
     for name in ("xi_z_deg", "xi_y_deg", "xi_d_deg"):
@@ -179,8 +179,9 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
 def _tolerances(tolerance: tuple[float, float], length: float) -> Iterator[Finding]:
     position, direction = tolerance
     if position >= length / 2:
-        text = "every point within half a trunk counts as reached; it looks like mm, write"
-        yield "tolerance.position", position, f"{text} {position / 1000:g} for m"
+        text = f"every point within {position:g} m counts as reached, and the trunk is {length:g} m"
+        text = f"{text} long; it looks like mm, write {position / 1000:g} for m"
+        yield "tolerance.position", position, text
     if direction >= 1:
         text = "a director off by 60 degrees counts as reached; it is the length of its error"
         yield "tolerance.direction", direction, f"{text}, about {math.radians(direction):.2g}"
@@ -250,9 +251,9 @@ def _first_way_point(
         for t in asked
     ):
         return
-    start = "the end of the phase before" if before else "the start of the motion, at rest"
-    text = f"is at {start}, where it is not asked for"
-    yield key, spec.through[0], f"{text}; put a phase before that reaches it, or give a later time"
+    start = "the end of the phase before" if before else "the start of the motion"
+    text = f"is ignored: no time step of this phase is at {start}"
+    yield key, spec.through[0], f"{text}; add a phase before that reaches it, or give a later time"
 
 
 def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:
@@ -264,7 +265,8 @@ def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Fi
     counts = np.arange(1, MOST_STEPS + 1)[:, None]
     fits = np.all(np.abs(number * counts - np.round(number * counts)) <= OFF_STEP, axis=1)
     hint = f"steps = {np.argmax(fits) + 1} would put one at each" if fits.any() else "add steps"
-    text = f"{off.sum()} of them lie between time steps, at which alone targets are asked for"
+    verb = "lies" if off.sum() == 1 else "lie"
+    text = f"{off.sum()} of them {verb} between time steps; targets are enforced only at time steps"
     yield key, f"{len(times)} way points", f"{text}; {hint}"
 
 
