@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .activation import strain_matrix
-from .anatomy import AnatomySpec
+from .anatomy import AnatomySpec, Trunk
 from .loads import mass_beyond
+from .overlaps import overlapping
 from .problem_file import (
     MOST_STEPS,
     LimitsSpec,
@@ -52,6 +53,7 @@ def suspicions(motion: Motion, problem: Path, anatomy: Path) -> tuple[str, ...]:
         f"{file}: {key} = {_show(value)}: {text}."
         for file, findings in (
             (anatomy, _of_anatomy(motion.anatomy, motion.gravity)),
+            (anatomy, _of_muscles(motion.trunk)),
             (problem, _of_problem(motion)),
         )
         for key, value, text in findings
@@ -107,6 +109,17 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
                 yield key, muscle.helix_deg, _radians((muscle.helix_deg,))
 
 
+def _of_muscles(trunk: Trunk) -> Iterator[Finding]:
+    for one, two in overlapping(trunk):
+        low, high = (end(one.radii[i], two.radii[i]) for i, end in enumerate((max, min)))
+        yield (
+            f"segments[{one.segment + 1}].muscles",
+            f"{one.name} and {two.name}",
+            f"they overlap, at radii from {low / trunk.length:.3g} to {high / trunk.length:.3g} of "
+            "the length, where tissue would count twice; give them other radii or sectors",
+        )
+
+
 def _smaller(value: float, most: float) -> str:
     """Which units a length that is too large may be in, and what to write for m."""
     if value * 1e-2 > most:
@@ -143,6 +156,7 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
         where = f"phases[{number}]"
         yield from _limits(phase.bounds, f"{where}.bounds")
         yield from _phase(phase, where, motion)
+        yield from _jumps(phase.loads, spec.phases[number - 2] if number > 1 else None, where)
         steps = [step for step in motion.steps if step.phase == number - 1]
         before = [step for step in motion.steps if step.phase == number - 2]
         for n, target in enumerate(phase.targets):
@@ -295,6 +309,25 @@ def _loads(spec: LoadsSpec, where: str, motion: Motion) -> Iterator[Finding]:
         yield f"{where}.log.density", spec.log.density, _grams(spec.log.density)
 
 
+def _jumps(loads: LoadsSpec, before: PhaseSpec | None, where: str) -> Iterator[Finding]:
+    """Loads that are to jump where there are none, before or after."""
+    both = [loads, *([before.loads] if before else [])]
+    there = {
+        "tip_force": any(any(one.tip_force) for one in both),
+        "tip_mass": any(one.tip_mass > 0 for one in both),
+        "pull": any(one.pull is not None for one in both),
+        "contact": any(
+            one.log is not None or any((*one.contact_force, *one.contact_couple)) for one in both
+        ),
+    }
+    for name, exists in there.items():
+        stated = name in loads.jump.model_fields_set and getattr(loads.jump, name)
+        if stated and not exists:
+            phases = "this phase and the one before have" if before else "this phase has"
+            text = f"{phases} no such load, so nothing jumps; add the load or leave this out"
+            yield f"{where}.loads.jump.{name}", "true", text
+
+
 def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) -> Iterator[Finding]:
     """Targets that no one asks for, or that no trunk of this length can reach."""
     counting = [
@@ -306,7 +339,6 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
     if not counting:
         yield where, phase.name, "every weight is 0, so nothing is asked of the trunk"
     stretch, pivot = motion.extension[1], motion.trunk.head.pivot_radius
-    names = [f"{where}.targets[{n}]" for n in range(1, len(phase.targets) + 1)]
     for step in steps:
         for n, target in enumerate(step.targets):
             if target.position is None or target.position_weight == 0:
@@ -314,9 +346,28 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
             away = math.hypot(*target.position)
             reach = target.Z * stretch + 2 * pivot
             if away > reach + motion.tolerance[0]:
-                name = names[n] if n < len(names) else f"{where}.wrap"
-                yield f"{name} position", target.position, _unreachable(away, reach)
+                yield _too_far(phase, where, n, target.position, reach)
                 return
+
+
+def _too_far(
+    phase: PhaseSpec, where: str, n: int, position: tuple[float, float, float], reach: float
+) -> Finding:
+    """Target `n` (from 0) of a step, beyond reach: by the key and the numbers of the file."""
+    place: TargetSpec | WrapSpec | None = phase.wrap
+    key = f"{where}.wrap"
+    if n < len(phase.targets):
+        place, key = phase.targets[n], f"{where}.targets[{n + 1}]"
+    assert place is not None
+    name, rows = ("path", place.path) if place.path else ("through", place.through)
+    if not rows:
+        word = "position" if isinstance(place, TargetSpec) else "center"
+        return f"{key}.{word}", getattr(place, word), _unreachable(math.hypot(*position), reach)
+    far = [math.hypot(*row[-3:]) for row in rows]
+    k = int(np.argmax(far))
+    # A curve may swing out between its points, and its origin may be elsewhere: then as computed.
+    away = far[k] if place.origin == "base" and far[k] > reach else math.hypot(*position)
+    return f"{key}.{name}[{k + 1}]", rows[k], _unreachable(away, reach)
 
 
 def _unreachable(away: float, reach: float) -> str:
