@@ -27,6 +27,7 @@ from .suspicions import POINTED
 from .threads import one_thread
 from .verification import LARGEST_TURN, SLACK
 from .violations import Violation
+from .wording import rounded
 
 MOST = 6  # effects that are told
 NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
@@ -256,13 +257,11 @@ def _missed(plan: Plan) -> Finding:
 def _out_of_reach(plan: Plan, reporter: Reporter | None) -> Finding:
     """No bounds within physics would do: how near the trunk could come."""
     left = nearest(plan, reporter)
-    told = (
-        ()
-        if left is None
-        else (f"with all of that the worst position would still be missed by {1e3 * left:.4g} mm",)
-    )
-    if left is not None and left <= plan.motion.tolerance[0]:
-        told = ()  # a matter of directions, or of another way there
+    told: tuple[str, ...] = ()
+    # One that is within the tolerance is a matter of directions, or of another way there.
+    if left is not None and left > plan.motion.tolerance[0]:
+        missed = f"{rounded(1e3 * left, 4)} mm"
+        told = (f"with all of that the worst position would still be missed by {missed}",)
     return Finding(
         "failure",
         f"no physically plausible bounds suffice ({PHYSICAL}): no motion near this plan reaches "
@@ -425,4 +424,4 @@ def effects(responses: tuple[Response, ...], length: float, most: int = MOST) ->
 
 
 def _way(change: float) -> str:
-    return f"{1e3 * abs(change):.2g} mm {'closer' if change < 0 else 'farther'}"
+    return f"{rounded(1e3 * abs(change))} mm {'closer' if change < 0 else 'farther'}"

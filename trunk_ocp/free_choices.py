@@ -18,6 +18,7 @@ from .motion import Box, Motion
 from .planner import Options, plan_from
 from .reporting import Reporter
 from .solution import Plan, Status
+from .wording import rounded
 
 LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
 TURNS = np.radians(1.0)  # of a head that turns
@@ -80,7 +81,8 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     reached = "every target is still reached" if free else "a target is missed"
     near = NEGLIGIBLE * 1e3 * plan.motion.tolerance[0]
     if abs(worst - before) > near:
-        reached += f", the worst position is {worst:.3g} mm off instead of {before:.3g}"
+        reached += f", the worst position is {rounded(worst, 3)} mm off instead of "
+        reached += rounded(before, 3)
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""
     way = "raises" if more >= 0 else "lowers"
     return f"holding {name} at 0{option} {way} the objective by {abs(more):.2g} %; {reached}"
