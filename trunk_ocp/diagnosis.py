@@ -21,6 +21,7 @@ from .motion import Motion, allowed
 from .postoptimal import Response, responses
 from .relaxation import PHYSICAL, Excess, contradictions, in_words, nearest, reach, said
 from .reporting import Reporter
+from .resuming import resume_command
 from .solution import Plan, Status
 from .solver import Solve
 from .suspicions import POINTED
@@ -121,7 +122,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
 def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
     if plan.status is Status.INTERRUPTED:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
-        yield Finding("failure", f"interrupted; {kept}", (), "Go on with --resume.")
+        yield Finding("failure", f"interrupted; {kept}", (), _go_on(plan))
         return
     if plan.status is Status.TIME_LIMIT:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
@@ -148,6 +149,13 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
                 if found is not None
                 else _out_of_reach(plan, reporter)
             )
+
+
+def _go_on(plan: Plan) -> str:
+    command = plan.options.get("command")
+    if not isinstance(command, dict):  # planned from Python
+        return "Go on with Checkpoint(path, resume=True), or the same solve-motion and --resume."
+    return f"Go on with: {resume_command(command)}"
 
 
 def _not_converged(plan: Plan, advise: bool) -> Finding:
