@@ -15,6 +15,7 @@ from trunk_ocp.diagnosis import at_bounds, effects, explain
 from trunk_ocp.errors import PlanError
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import Options, plan_motion
+from trunk_ocp.postoptimal import Response
 from trunk_ocp.replanning import Replanner
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.solution import Status
@@ -385,6 +386,13 @@ def test_effects_are_told_in_millimetres():
         f"extension of segment 1 (steps 1, 3), 0.75 moved by -0.0075: the worst point comes "
         f"{-1e3 * first.worst:.2g} mm closer, the mean distance {-1e3 * first.mean:.2g} mm closer"
     )
+
+
+def test_effects_count_by_the_size_of_the_trunk_and_zero_has_no_sign():
+    response = Response("change of R1-dl", (5,), -0.0, -0.01, -1e-7, 0.0, -1e-3)
+    assert effects((response,), 1.75) == []
+    (sentence,) = effects((response,), 0.0175)
+    assert sentence.startswith("change of R1-dl (step 5), 0 moved by -0.01: ")
 
 
 # --- on the command line -----------------------------------------------------------------

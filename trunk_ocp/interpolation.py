@@ -113,7 +113,7 @@ def _number(t: object) -> float:
         value = np.asarray(t, dtype=float)
     except (TypeError, ValueError):
         value = np.zeros(1)
-    if value.ndim or isinstance(t, str | bytes):
+    if t is None or value.ndim or isinstance(t, str | bytes):
         raise InputError(f"t = {t!r}: expected one number, a time in s.")
     return float(value)
 

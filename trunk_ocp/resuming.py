@@ -14,6 +14,7 @@ def resume_command(given: Mapping[str, Any]) -> str:
     words = ["solve-motion", str(given.get("problem", "PROBLEM"))]
     for option in solve.params:
         value, name = given.get(str(option.name)), option.opts[0]
-        if name.startswith("--") and name != "--resume" and value not in (None, False, option.default):
+        usual = value in (None, False, option.default)
+        if name.startswith("--") and name != "--resume" and not usual:
             words += [name] if value is True else [name, str(value)]
     return shlex.join([*words, "--resume"])
