@@ -20,6 +20,7 @@ from trunk_ocp.comparison import REVERSAL, reversals
 from trunk_ocp.foresight import TRACKING_ONLY
 from trunk_ocp.motion import load_motion
 from trunk_ocp.optima import SAME
+from trunk_ocp.redundancy.bands import AT_REST
 
 from . import data
 
@@ -78,6 +79,7 @@ def constants(found: Fields) -> Fields:
         "muscle_count": len(found["lift"]["redundancy"]["muscles"]),
         "fine": FINE,
         "coarse": COARSE,
+        "at_rest": AT_REST,
         "tolerance": load_motion("lift-log").tolerance[1],
     }
 

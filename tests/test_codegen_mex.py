@@ -63,7 +63,7 @@ def numbers(values):
     return "[" + " ".join(map(repr, np.asarray(values, float).tolist())) + "]"
 
 
-# --- in its own world ------------------------------------------------------------------------
+# --- in its own environment ------------------------------------------------------------------
 
 
 def test_shapes_and_both_derivatives_are_those_of_the_check_files(tmp_path):

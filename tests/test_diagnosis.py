@@ -15,6 +15,7 @@ from trunk_ocp.diagnosis import at_bounds, effects, explain
 from trunk_ocp.errors import PlanError
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import Options, plan_motion
+from trunk_ocp.postoptimal import Response
 from trunk_ocp.replanning import Replanner
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.solution import Status
@@ -279,7 +280,7 @@ def test_a_missed_target_comes_with_what_the_bounds_cost(ends):
     missed, reach, pressed = explain(plan).findings
     worst = 1e3 * plan.errors[0].position[0]
     assert f"step 1: the target at Z = 1.75 m is missed by {worst:.4g} mm" in missed.details[0]
-    assert "would be reached if these bounds gave" in reach.what
+    assert "would be reached if these bounds were relaxed" in reach.what
     assert all("activation of" in detail and "from -0.1 to" in detail for detail in reach.details)
     at = [m for m, x in zip(plan.motion.trunk.muscles, plan.activations[0], strict=True)
           if x < -0.0999]  # fmt: skip
@@ -380,11 +381,18 @@ def test_effects_are_told_in_millimetres():
     plan = plan_motion(replace(first_steps("lift-log", 3), extension=(0.75, 1.35)))
     responses = explain(plan).responses
     first = responses[0]
-    (sentence, *_) = effects(responses)
+    (sentence, *_) = effects(responses, plan.motion.trunk.length)
     assert sentence == (
         f"extension of segment 1 (steps 1, 3), 0.75 moved by -0.0075: the worst point comes "
         f"{-1e3 * first.worst:.2g} mm closer, the mean distance {-1e3 * first.mean:.2g} mm closer"
     )
+
+
+def test_effects_count_by_the_size_of_the_trunk_and_zero_has_no_sign():
+    response = Response("change of R1-dl", (5,), -0.0, -0.01, -1e-7, 0.0, -1e-3)
+    assert effects((response,), 1.75) == []
+    (sentence,) = effects((response,), 0.0175)
+    assert sentence.startswith("change of R1-dl (step 5), 0 moved by -0.01: ")
 
 
 # --- on the command line -----------------------------------------------------------------

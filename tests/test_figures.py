@@ -2,9 +2,11 @@
 
 import subprocess
 import sys
+import tempfile
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 from matplotlib.patches import StepPatch
-from plans import MOTIONS, POINT, first_steps, planned, written
+from plans import MOTIONS, POINT, TOUCH, first_steps, planned, written
 from test_user_motions import REACH, ROD, arm
 
 from trunk_ocp import colours
@@ -25,6 +27,7 @@ from trunk_ocp.figures import (
     draw_anatomy,
     draw_comparison,
     errors,
+    film,
     instants,
     muscles,
     shapes,
@@ -38,6 +41,7 @@ from trunk_ocp.motion import build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.solution import Status
 from trunk_ocp.statics import solve_statics
+from trunk_ocp.wording import rounded
 
 
 def with_gid(figure, gid):
@@ -257,7 +261,7 @@ def test_the_fruit_is_drawn_where_the_motion_says():
     rows = rows_of(plan)
     np.testing.assert_array_equal(rows[0].marks[0].target, (0.7, 0.3, -0.2))  # the fruit
     np.testing.assert_array_equal(rows[2].marks[0].target, (-0.2, 0.0, 0.16))  # the mouth
-    assert [any(s.colour == shapes.CARGO for s in shapes.layer(plan, row, 0)) for row in rows] == [
+    assert [any(s.colour == colours.MASS for s in shapes.layer(plan, row, 0)) for row in rows] == [
         False,
         False,
         True,
@@ -265,6 +269,51 @@ def test_the_fruit_is_drawn_where_the_motion_says():
     with style.styled():
         figure = shapes.picture(plan, rows)
     assert any("8 kg at the tip" in text for text in texts(figure))
+
+
+@cache
+def carrying(position="[0.3, 0.0, 1.7]"):
+    """A plan of a trunk that hangs down, takes a mass with it and lets it go at once."""
+    third = "\n[[phases]]\nname = 'away'\nduration = 1.0\n[[phases.targets]]\nZ = 1.75\n"
+    text = TOUCH.replace("[0.6, 0.1, 1.2]", position).replace('name = "touch"', 'name = "drop"')
+    held = third.replace("away", "hold").replace("[[phases.t", "loads.tip_mass = 5.0\n[[phases.t")
+    folder = Path(tempfile.mkdtemp())
+    rest = f"position = {position}\n"
+    return plan_motion(load_motion(written(folder, text + held + rest + third + rest)))
+
+
+def test_a_mass_that_is_the_lowest_thing_is_drawn_as_a_whole():
+    plan = carrying()
+    rows = rows_of(plan)
+    with style.styled():
+        figure = shapes.picture(plan, rows)
+    seen = 0
+    for number, row in enumerate(rows):
+        for place, view in enumerate(VIEWS):
+            axes = figure.axes[3 * number + place]
+            (low, high), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
+            for trunk in row.trunks:
+                for surface in shapes.cargo(plan, number, trunk):
+                    flat = view.flat(surface.facets.reshape(-1, 3))
+                    assert low <= flat[:, 0].min()
+                    assert flat[:, 0].max() <= high
+                    assert bottom <= flat[:, 1].min()
+                    assert flat[:, 1].max() <= top
+                    seen += 1
+    assert seen
+    moments = instants.instants(plan, film.frame_times(plan))
+    with style.styled():
+        stage = film.Stage(plan, moments)
+    for moment in moments:
+        for surface in shapes.cargo(plan, stage._phase(moment), moment):
+            for side, view in muscles.VIEWS.items():
+                flat, box = view.flat(surface.facets.reshape(-1, 3)), stage.boxes[side]
+                assert np.all(flat >= box.min)
+                assert np.all(flat <= box.max)
+
+
+def test_a_long_distance_has_no_power_of_ten():
+    assert [rounded(x) for x in (180.2, 0.0123, 4.56, 99999.0)] == ["180", "0.012", "4.6", "100000"]
 
 
 def test_the_head_is_the_sphere_on_which_the_base_moves(trunk):

@@ -229,6 +229,12 @@ def test_no_column_of_a_comparison_is_cut_at_80(mode):
         assert text.count(name.replace("paper, ", "").replace("lookahead", "ahead")) >= 2
 
 
+def test_the_comparison_explains_its_words():
+    quality = foresight_table(toy()).renderables[0]
+    for words in ("blind from best: ", "same cost: ", "cost / best: "):
+        assert words in str(quality.caption)
+
+
 def test_lookaheads_worse_than_none_are_told():
     curve = made_up([1.2, 1.5, 1.2, 1.21, 1.0], [True] * 5)
     assert curve.worse_than_blind == [2, 4]

@@ -8,8 +8,10 @@ import pytest
 from plans import TOUCH, planned, shipped, written
 from test_user_motions import ROD
 
+from trunk_ocp import free_choices
 from trunk_ocp.diagnosis import at_bounds, explain
 from trunk_ocp.free_choices import one_sided
+from trunk_ocp.loads import Loads
 from trunk_ocp.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import plan_from, plan_motion
@@ -106,11 +108,39 @@ def test_what_a_head_held_straight_costs_is_measured(tmp_path):
     free, held = leaf(tmp_path), leaf(tmp_path, "[0.0, 0.0]")
     (text,) = told(free, WORTH)
     assert "every target is still reached" in text
-    percent = float(text.split("psi_Z costs ")[1].split(" %")[0])
+    assert text.startswith("holding psi_Z at 0 (head_z_deg = [0.0, 0.0] in [bounds]) raises the ")
+    percent = float(text.split("raises the objective by ")[1].split(" %")[0])
     assert percent == pytest.approx(
         100 * (held.objective.total / free.objective.total - 1), rel=0.1, abs=0.1
     )
     assert not told(free, WORTH, deep=False)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"), [(0.032, 0.039, False), (15.0, 15.2, False), (15, 17, True)]
+)
+def test_errors_are_compared_where_they_differ(before, after, said):
+    """In mm; whom a tolerance of 20 serves, 0.032 and 0.039 are the same."""
+    plan = planned("lift-log", "sequential")
+    pair = []
+    for error in (before, after):
+        errors = tuple(replace(e, position=np.full_like(e.position, 1e-3 * error))
+                       for e in plan.errors)  # fmt: skip
+        other = replace(plan)
+        other.__dict__["errors"] = errors  # a cached property
+        pair.append(other)
+    assert ("17 mm off instead of 15" in free_choices._cost(*pair, 0)) is said
+    assert ("mm off" in free_choices._cost(*pair, 0)) is said
+
+
+@pytest.mark.parametrize(
+    ("force", "aside", "symmetric"), [(1e6, 1e-5, True), (1e-8, 5e-10, False), (0.0, 0.0, True)]
+)
+def test_symmetry_is_measured_against_the_loads(force, aside, symmetric):
+    """In N: 1e-5 is round-off of 1e6, 5e-10 is none of 1e-8."""
+    motion = load_motion("lift-log")
+    steps = [replace(s, loads=Loads(tip_force=(force, aside, 0.0))) for s in motion.steps]
+    assert is_symmetric(replace(motion, steps=tuple(steps))) is symmetric
 
 
 def test_a_straight_head_gives_nothing_to_say(tmp_path):
@@ -138,6 +168,6 @@ def test_no_muscle_is_said_to_contract_that_may_only_lengthen(tmp_path):
     pressed = at_bounds(longer)
     assert pressed["contraction"] == {}
     assert pressed["lengthening"] == {plan.motion.trunk.muscles[3]: [1, 2, 3, 4, 5, 6]}
-    warned = [f for f in explain(longer, deep=False).findings if "made to lengthen" in f.what]
+    warned = [f for f in explain(longer, deep=False).findings if "lengthen actively" in f.what]
     assert plan.motion.trunk.muscles[3] in warned[0].details[0]
-    assert not any("made to lengthen" in f.what for f in explain(plan, deep=False).findings)
+    assert not any("lengthen actively" in f.what for f in explain(plan, deep=False).findings)

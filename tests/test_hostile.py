@@ -445,6 +445,8 @@ ALLOWED = {
 SLIPS = r"""
 positions in mm | [0.6, 0.1, 1.2] | [600.0, 100.0, 1200.0] | targets[1] & 600 & mm & 0.001
 positions in cm | [0.6, 0.1, 1.2] | [60.0, 10.0, 120.0] | targets[1] & cm & 0.01
+way points in mm | position = [0.6, 0.1, 1.2] | through = [[0.5, 600.0, 100.0, 900.0], [1.0, 600.0, 100.0, 1200.0]] | targets[1].through[2] = [1, 600, 100, 1200] & mm & 0.001
+path in mm | position = [0.6, 0.1, 1.2] | path = [[600.0, 0.0, 900.0], [600.0, 100.0, 1200.0]] | targets[1].path[2] = [600, 100, 1200] & mm & 0.001
 beyond reach | [0.6, 0.1, 1.2] | [5.0, 0.0, 0.0] | 5 m from the base & can only be missed
 percent | [-3.0, 0.0] | [-300.0, 0.0] | bounds.activation & percent & [-3, 0]
 percent and wrong sign | [-3.0, 0.0] | [0, 100] | bounds.activation & percent & negative contracts; write [-1, 0]
@@ -459,13 +461,17 @@ change excluded | duration = 1.0 | duration = 1.0\nbounds = { activation = [-1.0
 gravity upwards | [bounds] | gravity = -9.8\n[bounds] | gravity & -9.8 & +Z points down
 gravity in mm | [bounds] | gravity = 9800.0\n[bounds] | gravity & mm/s^2 & 9.8
 tolerance in mm | [bounds] | tolerance = { position = 20.0 }\n[bounds] | tolerance.position & mm & 0.02
+tolerance of metres | [bounds] | tolerance = { position = 5.0 }\n[bounds] | every point within 5 m & the trunk is 1.75 m long
+jump of nothing | duration = 1.0 | duration = 1.0\nloads.jump = { pull = true, contact = true } | loads.jump.pull = true & no such load & nothing jumps
+jump of no contact | duration = 1.0 | duration = 1.0\nloads.jump = { pull = true, contact = true } | loads.jump.contact = true & no such load
 tolerance in degrees | [bounds] | tolerance = { direction = 3.0 }\n[bounds] | tolerance.direction & 0.052
 duration in ms | duration = 1.0 | duration = 1500.0 | duration & ms & 1.5
 mass in g | duration = 1.0 | duration = 1.0\nloads.tip_mass = 12000.0 | tip_mass & 12 for kg
 log in g/cm^3 | duration = 1.0 | duration = 1.0\nloads.log = { contact_from = 1.4, radius = 0.07, length = 1.0, density = 0.8 } | density & 800 for kg
 way points as a path | position = [0.6, 0.1, 1.2] | path = [[0.6, 0.1, 1.2], [0.7, 0.1, 1.2], [0.7, 0.2, 1.2], [0.6, 0.2, 1.2], [0.6, 0.1, 1.1]] | targets[1].path & 5 points & Bezier & through
+way points beside steps, in words | position = [0.6, 0.1, 1.2] | through = [[0.25, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | 1 of them lies between time steps
 way points beside steps | position = [0.6, 0.1, 1.2] | through = [[0.25, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through & 1 of them & steps = 4
-way point at rest | position = [0.6, 0.1, 1.2] | through = [[0.0, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through[1] & at rest & not asked for
+way point at rest | position = [0.6, 0.1, 1.2] | through = [[0.0, 0.6, 0.1, 1.2], [1.0, 0.7, 0.1, 1.2]] | targets[1].through[1] & start of the motion & is ignored
 nothing asked | Z = 1.75 | Z = 1.75\nposition_weight = 0.0 | every weight is 0
 """  # noqa: E501  # one row a slip
 
@@ -494,7 +500,7 @@ ANATOMY_SLIPS = {
     "taper to a point": (
         "[material]",
         "taper_deg = 2.862\n[material]",  # atan(0.05) is 2.8624
-        "taper_deg & nearly a point & make it smaller",
+        "taper_deg & nearly a point & write a smaller taper_deg",
     ),
     "taper in radians": (
         "[material]",
@@ -505,6 +511,11 @@ ANATOMY_SLIPS = {
         "[[segments]]",
         "head.xi_d_deg = 0.5236\n[[segments]]",
         "xi_d_deg & radians; 30.0",
+    ),
+    "muscles in one place": (
+        "sector = [1.6, 3.1]",
+        "sector = [1.0, 3.1]",
+        "segments[1].muscles = R1-top and R1-low & they overlap & 0.02 to 0.05",
     ),
     "helix in radians": (
         'group = "low", architecture = "longitudinal"',

@@ -20,6 +20,8 @@ from trunk_ocp.figures import redundancy as figure
 from trunk_ocp.motion import allowed, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.redundancy import (
+    Need,
+    Redundancy,
     can_be_off,
     fewest_muscles,
     freedom,
@@ -32,8 +34,12 @@ from trunk_ocp.redundancy import (
     ranges,
     redundancy,
 )
+from trunk_ocp.redundancy.bands import Freedom
+from trunk_ocp.screen import redundancy_table
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.storage import save_plan
+
+VERSIONS = ("plan", "least effort", "fewest muscles")
 
 # Half a ring of a longitudinal and a radial muscle on each side, in the same place. Without
 # taper the radial one does -nu = -1/2 of what the other does, to all four strain numbers.
@@ -288,6 +294,27 @@ def test_kinds_of_muscles_follow_from_their_ranges():
     assert {names[i] for i, kind in enumerate(found.kinds) if kind == "must work"} >= {
         f"{side}3-{group}" for side in "RL" for group in ("ovo", "dr", "vr")
     }
+
+
+def test_what_the_solver_leaves_behind_is_no_need_of_the_task():
+    """One muscle, one step: 0.004 is what an interior point leaves, 0.05 is work."""
+    kinds = []
+    for most in (-0.004, -0.05):
+        band = np.array([[[-0.5, most]]])
+        kinds += Freedom(band, band, np.array([False])).kinds
+    assert kinds == ["free", "must work"]
+
+
+def test_the_table_says_what_its_words_mean():
+    alone = redundancy_table(Redundancy(lift(), free(), dict.fromkeys(VERSIONS, lift())))
+    for word in ("must work", "free", "can be off", "determined"):
+        assert f"{word}: " in str(alone.caption)
+    assert "cost without" not in str(alone.caption)
+    need = Need(("R1-dl",), False, "missed", 1.0, 1.0, 2.0, 0.1, 0.1, 0.1)
+    found = Redundancy(lift(), free(), dict.fromkeys(VERSIONS, lift()), (need,))
+    caption = str(redundancy_table(found).caption)
+    assert "For the task" in caption
+    assert "!: not solved" in caption
 
 
 def test_a_muscle_without_a_choice_is_determined(lean):

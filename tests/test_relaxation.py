@@ -10,7 +10,16 @@ from trunk_ocp.activation import strain_matrix
 from trunk_ocp.diagnosis import explain
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import plan_motion
-from trunk_ocp.relaxation import contradictions, elastic_bounds, nearest, reach, said
+from trunk_ocp.relaxation import (
+    Bound,
+    Excess,
+    contradictions,
+    elastic_bounds,
+    in_words,
+    nearest,
+    reach,
+    said,
+)
 from trunk_ocp.solution import Status
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
@@ -208,6 +217,22 @@ def test_step_numbers_are_said_in_runs():
 
 
 # --- advice within physics ---------------------------------------------------------------
+
+
+def test_a_change_is_told_by_the_key_that_the_file_has(tmp_path):
+    """All muscles have one key for their change, either way, so one line and the largest."""
+    text = POINT.replace('interpolation = "hermite"', "change = [{ activation = 0.0 }]")
+    motion = load_motion(written(tmp_path, text))
+    bounds = {
+        (name, sign): Bound(f"{word} change of activation of {name}", 0.0, sign, "", 0.5, (3,), 9.0)
+        for sign, word in ((-1, "least"), (1, "largest"))
+        for name in ("R1-dl", "L2-ivo")
+    }
+    excesses = [Excess(bound, 0.1 * i) for i, bound in enumerate(bounds.values(), 1)]
+    (line,) = in_words(excesses, motion)
+    assert line == "change.activation of phases[2] (step 3): from 0 to 0.4001, for L2-ivo"
+    other = Excess(Bound("least activation of R1-dl", -1.0, -1, "", 3.0, (1,), 3.5), 0.5)
+    assert in_words([*excesses, other], motion)[1] == str(other)
 
 
 def test_advice_stays_within_what_a_body_can_do(tmp_path):

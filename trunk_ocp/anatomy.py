@@ -282,9 +282,12 @@ def check_activation(trunk: Trunk, activation: np.ndarray) -> np.ndarray:
     Raises
     ------
     InputError
-        If its last axis is not the number of muscles or a value is not finite.
+        If its last axis is not the number of muscles or a value is not a finite number.
     """
-    array = np.asarray(activation, dtype=float)
+    try:
+        array = np.asarray(activation, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError("activation: expected an array of numbers.") from None
     count = len(trunk.subdomains)
     if array.ndim == 0 or array.shape[-1] != count:
         raise InputError(

@@ -29,6 +29,7 @@ from .output import standard_output
 from .planner import Options, mode_of, plan_motion
 from .reporting import Reporter
 from .results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
+from .resuming import resume_command
 from .screen import (
     Screen,
     comparison_table,
@@ -64,7 +65,7 @@ def run_solve(
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
     command = json.loads(json.dumps(context.params, default=str))
-    with _interrupts() as interrupts:
+    with _interrupts(f"Go on with: {resume_command(command)}") as interrupts:
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -110,8 +111,8 @@ def run_solve(
             earlier = aside.settle()
         if earlier is not None:
             tell(console, f"What was made from earlier plans is now in {earlier}/")
-        if not finished:
-            console.print("solve-motion --resume, with the same options, goes on from here.")
+        if not finished and not any(plan.interrupted for plan in plans):  # of which it is said
+            tell(console, f"Go on with: {resume_command(command)}")
         tell(console, f"Results are in {folder}/")
         for plan in plans if quiet else []:
             if plan.status is not Status.SOLVED:
@@ -124,10 +125,10 @@ def run_solve(
 
 
 @contextmanager
-def _interrupts() -> Iterator[Interrupts]:
+def _interrupts(hint: str) -> Iterator[Interrupts]:
     """Those of the command, with what to do after one that ends at once."""
     interrupts = Interrupts.current or Interrupts()
-    interrupts.hint = "solve-motion --resume, with the same options, goes on from the last window."
+    interrupts.hint = hint
     yield interrupts
 
 

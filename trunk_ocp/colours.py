@@ -1,4 +1,4 @@
-"""One colour code for muscle groups, in every figure, film, page and file."""
+"""One color code for muscle groups and what hangs at the tip: figures, film, page and files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from .anatomy import Trunk
 # Okabe & Ito's palette, which people with any colour vision tell apart. The elephant's groups by
 # name; those of other trunks in the order they appear.
 MUSCLES = {"dl": "#0072B2", "ovo": "#D55E00", "ivo": "#E69F00", "dr": "#009E73", "vr": "#CC79A7"}
+MASS = "#7A3B69"  # what hangs at the tip
 OTHERS = ("#56B4E9", "#882255", "#999933", "#332288", "#6B6B6B", "#44AA99", "#AA4499")
 
 

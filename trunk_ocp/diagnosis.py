@@ -16,21 +16,23 @@ import numpy as np
 from .activation import strains
 from .anatomy import Trunk
 from .free_choices import held_heads, one_sided
-from .motion import allowed
+from .motion import Motion, allowed
 from .postoptimal import Response, responses
-from .relaxation import PHYSICAL, Excess, contradictions, nearest, reach, said
+from .relaxation import PHYSICAL, Excess, contradictions, in_words, nearest, reach, said
 from .reporting import Reporter
+from .resuming import resume_command
 from .solution import Plan, Status
 from .solver import Solve
 from .suspicions import POINTED
 from .threads import one_thread
 from .verification import LARGEST_TURN, SLACK
 from .violations import Violation
+from .wording import rounded
 
 MOST = 6  # effects that are told
 NEAR = 1e-3  # share of a bound's range, within which an unknown is at the bound
 LOW_MARGIN = 0.2  # of stability, below which a plan is warned of
-MATTERS = 1e-6  # m; smaller effects of a bound are not told
+MATTERS = 1e-6 / 1.75  # of the trunk's length; smaller effects of a bound are not reported
 
 MEANINGS = {
     "Infeasible_Problem_Detected": "no nearby point keeps the constraints any better",
@@ -118,7 +120,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
 def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
     if plan.status is Status.INTERRUPTED:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
-        yield Finding("failure", f"interrupted; {kept}", (), "Go on with --resume.")
+        yield Finding("failure", f"interrupted; {kept}", (), _go_on(plan))
         return
     if plan.status is Status.TIME_LIMIT:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
@@ -128,7 +130,7 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
         if excesses:
-            yield _contradicting(excesses)
+            yield _contradicting(excesses, plan.motion)
         yield _not_converged(plan, advise=not excesses)
         return
     if plan.verification.faults:
@@ -139,13 +141,19 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if plan.missed:
         yield _missed(plan)
         if deep:
-            several = sum(len(step.targets) for step in plan.motion.steps) > 1
             found = reach(plan, reporter)
             yield (
-                _within_reach(found, several)
+                _within_reach(found, plan.motion)
                 if found is not None
                 else _out_of_reach(plan, reporter)
             )
+
+
+def _go_on(plan: Plan) -> str:
+    command = plan.options.get("command")
+    if not isinstance(command, dict):  # planned from Python
+        return "Go on with Checkpoint(path, resume=True), or the same solve-motion and --resume."
+    return f"Go on with: {resume_command(command)}"
 
 
 def _not_converged(plan: Plan, advise: bool) -> Finding:
@@ -181,11 +189,11 @@ def _next_try(solve: Solve, steps: int) -> str:
     return f"Start elsewhere (--starts 4){fewer}."
 
 
-def _contradicting(excesses: tuple[Excess, ...]) -> Finding:
+def _contradicting(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
     return Finding(
         "failure",
         "the bounds exclude each other, whatever is done; the least that would reconcile them:",
-        tuple(map(str, excesses)),
+        in_words(excesses, motion),
         "Loosen these in the problem file.",
         excesses,
     )
@@ -255,23 +263,21 @@ def _missed(plan: Plan) -> Finding:
 def _out_of_reach(plan: Plan, reporter: Reporter | None) -> Finding:
     """No bounds within physics would do: how near the trunk could come."""
     left = nearest(plan, reporter)
-    told = (
-        ()
-        if left is None
-        else (f"with all of that the worst position would still be missed by {1e3 * left:.4g} mm",)
-    )
-    if left is not None and left <= plan.motion.tolerance[0]:
-        told = ()  # a matter of directions, or of another way there
+    told: tuple[str, ...] = ()
+    # One that is within the tolerance is a matter of directions, or of another way there.
+    if left is not None and left > plan.motion.tolerance[0]:
+        missed = f"{rounded(1e3 * left, 4)} mm"
+        told = (f"with all of that the worst position would still be missed by {missed}",)
     return Finding(
         "failure",
-        f"no bounds that a body could have would do ({PHYSICAL}): no motion near this plan reaches "
+        f"no physically plausible bounds suffice ({PHYSICAL}): no motion near this plan reaches "
         "all targets within them",
         told,
         "Move the targets, or widen [tolerance].",
     )
 
 
-def _within_reach(excesses: tuple[Excess, ...], several: bool) -> Finding:
+def _within_reach(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
     if not excesses:
         return Finding(
             "failure",
@@ -279,11 +285,11 @@ def _within_reach(excesses: tuple[Excess, ...], several: bool) -> Finding:
             (),
             "Give the missed targets more weight, or start elsewhere (--starts 4).",
         )
-    what = "all targets would be reached if these bounds gave:"
+    what = "all targets would be reached if these bounds were relaxed:"
     advice = "Loosen these in the problem file, or move the targets."
-    if several:
-        advice += " A plan may still miss some in favour of others: give those more weight."
-    return Finding("failure", what, tuple(map(str, excesses)), advice, excesses)
+    if sum(len(step.targets) for step in motion.steps) > 1:
+        advice += " A plan may still miss some in favor of others: give those more weight."
+    return Finding("failure", what, in_words(excesses, motion), advice, excesses)
 
 
 # --- what a plan leans on ----------------------------------------------------------------
@@ -310,10 +316,10 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     peaks = plan.activations.max(axis=0)
     longer = [n for n, peak in zip(plan.motion.trunk.muscles, peaks, strict=True) if peak > NEAR]
     if longer:
-        told = (
-            f"{', '.join(longer)}: activations up to {peaks.max():.3g}, and negative contracts",
-        )
-        yield Finding("warning", "muscles are made to lengthen, which none does by itself", told)
+        more = f" and {len(longer) - MOST} more" if len(longer) > MOST else ""
+        names = ", ".join(longer[:MOST]) + more
+        told = (f"{names}: activations up to {peaks.max():.3g}; negative contracts",)
+        yield Finding("warning", "muscles lengthen actively, which no muscle can do", told)
     if not plan.converged:
         return
     margin = plan.stability.margin
@@ -336,7 +342,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         )
     if plan.near and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
-        yield Finding("note", "the plan leaves the horizon's bounds on change", told)
+        yield Finding("note", "the plan exceeds the horizon's bounds on change", told)
 
 
 def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
@@ -405,15 +411,18 @@ def _side(value: float, lower: float, upper: float) -> int:
     return int(value >= upper - near) - int(value <= lower + near)
 
 
-def effects(responses: tuple[Response, ...], most: int = MOST) -> list[str]:
-    """What a little more of the strongest bounds would bring, one sentence for each bound."""
+def effects(responses: tuple[Response, ...], length: float, most: int = MOST) -> list[str]:
+    """What a little more of the strongest bounds would bring, one sentence for each bound.
+
+    Effects that are nothing beside the trunk's length, in m, are left out.
+    """
     told: dict[str, str] = {}
     for response in responses:
-        if response.name in told or abs(response.worst) < MATTERS:
+        if response.name in told or abs(response.worst) < MATTERS * length:
             continue
         unit = " deg" if "psi" in response.name else ""
         told[response.name] = (
-            f"{response.name} ({said(response.steps)}), {response.value:.4g}{unit} moved by "
+            f"{response.name} ({said(response.steps)}), {response.value + 0.0:.4g}{unit} moved by "
             f"{response.moved:+.2g}: the worst point comes {_way(response.worst)}, the mean "
             f"distance {_way(response.mean)}"
         )
@@ -421,4 +430,4 @@ def effects(responses: tuple[Response, ...], most: int = MOST) -> list[str]:
 
 
 def _way(change: float) -> str:
-    return f"{1e3 * abs(change):.2g} mm {'closer' if change < 0 else 'farther'}"
+    return f"{rounded(1e3 * abs(change))} mm {'closer' if change < 0 else 'farther'}"

@@ -58,7 +58,7 @@ def _points(
 )
 @click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
 @click.option("--single", is_flag=True, help="Single precision (ONNX).")
-@click.option("--check", is_flag=True, help="Run the export in its own world, and compare.")
+@click.option("--check", is_flag=True, help="Run the export in its own environment on test cases.")
 def export_model(
     subject: str,
     what: str,

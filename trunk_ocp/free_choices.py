@@ -18,9 +18,11 @@ from .motion import Box, Motion
 from .planner import Options, plan_from
 from .reporting import Reporter
 from .solution import Plan, Status
+from .wording import rounded
 
 LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
 TURNS = np.radians(1.0)  # of a head that turns
+NEGLIGIBLE = 0.05  # of the tolerance; errors below it are not compared
 ITERATIONS = 300
 TINY = np.finfo(float).tiny
 AXES = ("z", "y")  # psi_Z, psi_Y
@@ -77,10 +79,13 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     )
     free = again.status is Status.SOLVED
     reached = "every target is still reached" if free else "a target is missed"
-    if worst or before:
-        reached += f", the worst position is {worst:.2g} mm off instead of {before:.2g}"
+    near = NEGLIGIBLE * 1e3 * plan.motion.tolerance[0]
+    if max(worst, before) > near and rounded(worst) != rounded(before):
+        reached += f", the worst position is {rounded(worst)} mm off instead of "
+        reached += rounded(before)
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""
-    return f"held at 0{option}, {name} costs {more:+.2g} % of the objective; {reached}"
+    way = "raises" if more >= 0 else "lowers"
+    return f"holding {name} at 0{option} {way} the objective by {abs(more):.2g} %; {reached}"
 
 
 def _held(motion: Motion, angle: int) -> Motion:

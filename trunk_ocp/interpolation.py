@@ -107,15 +107,26 @@ def jumps(motion: Motion, planned: Sequence[Loads]) -> tuple[float, ...]:
     )
 
 
+def _number(t: object) -> float:
+    """A time as a number; InputError for what is none."""
+    try:
+        value = np.asarray(t, dtype=float)
+    except (TypeError, ValueError):
+        value = np.zeros(1)
+    if t is None or value.ndim or isinstance(t, str | bytes):
+        raise InputError(f"t = {t!r}: expected one number, a time in s.")
+    return float(value)
+
+
 def planned_time(motion: Motion, count: int, t: float) -> float:
     """Time t in s, moved to rest or one of `count` time steps where it is a rounding error away.
 
     Raises
     ------
     InputError
-        If t is outside the planned time by more than rounding error.
+        If t is no number, or outside the planned time by more than rounding error.
     """
-    times, t = _times(motion, count), float(t)
+    times, t = _times(motion, count), _number(t)
     end = float(times[-1])
     if not -ROUNDING * end <= t <= end * (1 + ROUNDING):
         raise InputError(f"t = {t!r}: expected a time from 0 to {end!r} s.")

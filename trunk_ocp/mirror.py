@@ -6,6 +6,7 @@ couples, which a right-handed frame makes of two of these, are reflected and rev
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,7 @@ from .motion import Box, Motion, Step, build_motion
 from .targets import Direction, Held, Target
 from .variants import mirrored_spec
 
-ROUND_OFF = 1e-9
+ROUND_OFF = 1e-9  # of the trunk's length, of the largest force and couple, and of activations
 REFLECT = np.array([1.0, -1.0, 1.0])
 
 
@@ -75,21 +76,37 @@ def is_symmetric(motion: Motion) -> bool:
         image = mirrored_motion(motion)
     except InputError:  # of a trunk that has no other side
         return False
-    pairs = zip(motion.steps, image.steps, strict=True)
-    return all(np.allclose(_numbers(a), _numbers(b), rtol=0, atol=ROUND_OFF) for a, b in pairs)
+    units = _units(motion)
+    return all(
+        np.allclose(_numbers(a, *units), _numbers(b, *units), rtol=0, atol=ROUND_OFF)
+        for a, b in zip(motion.steps, image.steps, strict=True)
+    )
 
 
-def _numbers(step: Step) -> np.ndarray:
-    """All that a mirror may change in a step, one after the other."""
+def _units(motion: Motion) -> tuple[float, float, float]:
+    """Length of the trunk, m, and the largest force, N, and couple, N m, of a motion."""
+    forces, couples = [0.0], [0.0]
+    for step in motion.steps:
+        forces += [math.hypot(*step.loads.tip_force), math.hypot(*step.loads.contact_force)]
+        forces += [abs(step.pull[0])] if step.pull is not None else []
+        couples.append(math.hypot(*step.loads.contact_couple))
+    return motion.trunk.length, max(forces) or 1.0, max(couples) or 1.0
+
+
+def _numbers(step: Step, length: float, force: float, couple: float) -> np.ndarray:
+    """All that a mirror may change in a step, one after the other, in these units."""
     loads = step.loads
-    parts: list[Vector | np.ndarray] = [loads.tip_force, loads.contact_force, loads.contact_couple]
+    parts = [np.asarray(f) / force for f in (loads.tip_force, loads.contact_force)]
+    parts.append(np.asarray(loads.contact_couple) / couple)
     parts += [step.box.lower, step.box.upper, step.change.lower, step.change.upper]
     if step.pull is not None:
-        parts.append(np.array([step.pull[0]]))
+        parts.append(np.array([step.pull[0] / force]))
     for target in step.targets:
         if target.position is not None and target.position_weight > 0:
-            parts.append(target.position)
-        parts += [wanted for _, wanted, _ in target.pairs() if not isinstance(wanted, Held)]
+            parts.append(np.asarray(target.position) / length)
+        parts += [
+            np.asarray(wanted) for _, wanted, _ in target.pairs() if not isinstance(wanted, Held)
+        ]
     return np.concatenate(parts)
 
 

@@ -1,4 +1,4 @@
-"""What one more per cent of a bound would do to a plan: first-order sensitivity of its optimum.
+"""What relaxing a bound by 1 % would do to a plan: first-order sensitivity of its optimum.
 
 At an optimum the active bounds and the multipliers determine how all unknowns follow a small
 change of one bound: the linear system of the Karush-Kuhn-Tucker conditions with the active set
@@ -20,7 +20,7 @@ from .solution import Plan
 from .solver import WARM, Optimiser, Outcome
 from .transcription import Window
 
-PART = 0.01  # by which a bound is moved: 1 %
+PART = 0.01  # by which a bound is moved: 1 %; one of 0 by 0.01, or 0.01 rad
 SHARP = WARM | {"tol": 1e-9, "compl_inf_tol": 1e-13}
 """Ends with a barrier so low that multipliers tell which bounds bind."""
 TINY = np.finfo(float).tiny
@@ -32,7 +32,9 @@ REGULAR = 1e-10
 
 @dataclass(frozen=True)
 class Response:
-    """What moving one bound outwards by 1 % of its value would do, to first order.
+    """What moving one bound outwards by 1 % of its value (or from 0 by 0.01) would do.
+
+    To first order.
 
     Attributes
     ----------

@@ -28,6 +28,7 @@ from .transcription import Weights, Window
 
 PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
 ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
+CHANGE = "change of activation of "  # in the name of a bound
 SMALLEST = 1e-3  # share of the range, below which an excess is the optimiser's inaccuracy
 EXACT = 1e-6  # the same for the linear programme
 ITERATIONS = 200
@@ -74,6 +75,35 @@ class Excess:
         unit = f" {bound.unit}" if bound.unit else ""
         to = outwards(bound.value + bound.sign * ROOM * self.amount, bound.sign)
         return f"{bound.name} ({said(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
+
+
+def in_words(excesses: Sequence[Excess], motion: Motion) -> tuple[str, ...]:
+    """A sentence for each bound, but for all muscles whose change is limited by one key.
+
+    A file has one `change.activation` for all muscles, either way; the largest excess counts.
+    """
+    told: dict[object, Excess] = {}
+    for excess in excesses:
+        bound = excess.bound
+        key = (bound.steps, abs(bound.value)) if CHANGE in bound.name else bound.name, bound.steps
+        told[key] = max(told.get(key, excess), excess, key=lambda one: one.amount)
+    return tuple(
+        _of_change(excess, motion) if CHANGE in excess.bound.name else str(excess)
+        for excess in told.values()
+    )
+
+
+def _of_change(excess: Excess, motion: Motion) -> str:
+    """The excess of a bound on an activation's change, by the key that the file has for it."""
+    bound = excess.bound
+    phases = sorted({motion.steps[step - 1].phase + 1 for step in bound.steps})
+    where = ", ".join(f"phases[{phase}]" for phase in phases)
+    to = outwards(abs(bound.value) + ROOM * excess.amount, 1)
+    muscle = bound.name.rpartition(" ")[2]
+    return (
+        f"change.activation of {where} ({said(bound.steps)}): from {abs(bound.value):.4g} to "
+        f"{to:.4g}, for {muscle}"
+    )
 
 
 def outwards(value: float, sign: int) -> float:

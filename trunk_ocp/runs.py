@@ -20,6 +20,8 @@ from .screen import findings, history_table
 from .solution import Plan, Status
 from .storage import SOLUTION, finite, save_diagnosis
 
+RELAXED = "If a bound were relaxed by 1 % (one of 0: as given), all else planned anew around it:"
+
 
 @click.command("explain")
 @click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
@@ -45,8 +47,8 @@ def explain_run(run: str, as_json: bool) -> None:
                 console.print(line, soft_wrap=True)
             if diagnosis.history:
                 console.print(history_table(diagnosis))
-            if sentences := effects(diagnosis.responses):
-                console.print("If a bound gave by 1 %, all else planned anew around it:")
+            if sentences := effects(diagnosis.responses, plan.motion.trunk.length):
+                console.print(RELAXED)
                 for sentence in sentences:
                     tell(console, f"    {sentence}")
         if as_json:

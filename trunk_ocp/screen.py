@@ -126,7 +126,7 @@ def step_table(plan: Plan) -> Table:
             _number(errors.position, np.max, 1e3, ".2f"),
             _number(errors.position, np.mean, 1e3, ".2f"),
             _number(errors.direction, np.max, 1.0, ".4f"),
-            f"{errors.paper:.4f}",
+            f"{errors.paper:.3g}",
             f"{np.degrees(plan.head[t, 0]):.1f}",
             f"{np.degrees(plan.head[t, 1]):.1f}",
             f"{1e3 * plan.verification.position_difference[t]:.4f}",
@@ -136,7 +136,7 @@ def step_table(plan: Plan) -> Table:
 
 def _caption(plan: Plan) -> str:
     return (
-        f"J = {plan.objective.paper:.4f}, {plan.iterations} iterations, {plan.total_seconds:.1f} s"
+        f"J = {plan.objective.paper:.3g}, {plan.iterations} iterations, {plan.total_seconds:.1f} s"
     )
 
 
@@ -216,6 +216,7 @@ def foresight_table(result: Foresight) -> Group:
     quality = _plain_table(
         f"{result.motion.name}: what foresight is worth",
         ("way", "status", "cost\n/ best", "J", "worst\nmm", "worst\ndirection", "seconds"),
+        WAYS,
     )
     use = _plain_table(
         f"{result.motion.name}: how the muscles are used",
@@ -275,9 +276,17 @@ def _ending(status: str) -> str:
     return SHORTER.get(status, status)
 
 
-def _plain_table(title: str, names: Sequence[str]) -> Table:
+WAYS = """\
+paper: each step alone, tracking only, as in appendix B
+same cost: the paper's way, with effort and rate weighed as in all others
+ahead H: H steps at a time; 1 is blind to the next step
+blind from best: ahead 1, each step started from the best horizon's
+cost / best: tracking + effort + rate over the best horizon's"""
+
+
+def _plain_table(title: str, names: Sequence[str], caption: str | None = None) -> Table:
     """A dense table whose columns keep their width; words to the left, numbers to the right."""
-    table = Table(title=title, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+    table = Table(title=title, caption=caption, box=SIMPLE_HEAD, padding=0, pad_edge=False)
     for name in names:
         left = name in ("way", "status")
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
@@ -349,14 +358,27 @@ def _mirror_of(plan: Plan, found: Optima) -> int:
     return 0
 
 
+LEGEND = f"""\
+For the planned shapes, kept as they are:
+must work: cannot rest at some step (below {AT_REST:g} is rest)
+free: could rest at any step, not at all of them
+can be off: could rest throughout; each alone, not all together
+determined: has no choice at any step
+range: width at the steps where it is least and most
+at least: what the muscle must do at some step
+most: largest activation of each version"""
+LEGEND_NEEDED = """
+For the task, other shapes allowed:
+cost without: the objective without this muscle over the plan's
+worst: largest distance to a target then; !: not solved"""
+
+
 def redundancy_table(found: Redundancy) -> Table:
     """What a motion leaves each muscle free to do; activations without sign."""
     plan, free = found.plan, found.freedom
     table = Table(
         title=f"{plan.motion.name}, {plan.mode}: the same motion by other muscles",
-        caption="range: width at the steps where it is least and most\n"
-        "at least: what the muscle must do at some step\n"
-        "most: largest activation of each version",
+        caption=LEGEND + (LEGEND_NEEDED if found.needs else ""),
         box=SIMPLE_HEAD,
         padding=0,
         pad_edge=False,

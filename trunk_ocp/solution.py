@@ -22,6 +22,7 @@ from .statics import Shape, solve_statics
 from .targets import Held
 from .transcription import Weights
 from .verification import Verification, verify
+from .wording import rounded
 
 
 class Status(enum.Enum):
@@ -268,7 +269,7 @@ class Plan:
                 if not error <= position:
                     sentences.append(
                         f"step {number}: the target at Z = {Z:g} m is missed by "
-                        f"{1e3 * error:.4g} mm, {1e3 * position:g} mm is allowed"
+                        f"{rounded(1e3 * error, 4)} mm, {1e3 * position:g} mm is allowed"
                     )
             for Z, error in zip(errors.direction_Z, errors.direction, strict=True):
                 if not error <= direction:

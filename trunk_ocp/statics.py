@@ -103,7 +103,13 @@ class Shape:
         return _extension(self.states[..., 1:, :4], self.slopes)
 
     def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self.mesh.locate(points_on(self.trunk, np.atleast_1d(np.asarray(Z, dtype=float))))
+        try:
+            points = np.atleast_1d(np.asarray(Z, dtype=float))
+        except (TypeError, ValueError):
+            points = np.zeros((0, 0))
+        if points.ndim != 1:
+            raise InputError(f"Z = {Z!r}: expected points of the trunk in m, one number or (n,).")
+        return self.mesh.locate(points_on(self.trunk, points))
 
 
 def points_on(trunk: Trunk, Z: np.ndarray) -> np.ndarray:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .activation import strain_matrix
-from .anatomy import AnatomySpec
+from .anatomy import AnatomySpec, Trunk
 from .loads import mass_beyond
+from .overlaps import overlapping
 from .problem_file import (
     MOST_STEPS,
     LimitsSpec,
@@ -52,6 +53,7 @@ def suspicions(motion: Motion, problem: Path, anatomy: Path) -> tuple[str, ...]:
         f"{file}: {key} = {_show(value)}: {text}."
         for file, findings in (
             (anatomy, _of_anatomy(motion.anatomy, motion.gravity)),
+            (anatomy, _of_muscles(motion.trunk)),
             (problem, _of_problem(motion)),
         )
         for key, value, text in findings
@@ -92,8 +94,8 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
         )
     tip = spec.base_radius_over_length - math.tan(math.radians(spec.taper_deg))
     if tip < POINTED * spec.base_radius_over_length:
-        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point"
-        yield "taper_deg", spec.taper_deg, f"{text}, that bends without limit; make it smaller"
+        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point, which bends"
+        yield "taper_deg", spec.taper_deg, f"{text} without limit; write a smaller taper_deg"
     if 0 < spec.taper_deg < 0.15:
         yield "taper_deg", spec.taper_deg, _radians((spec.taper_deg,))
     for name in ("xi_z_deg", "xi_y_deg", "xi_d_deg"):
@@ -105,6 +107,17 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
             if 0 < abs(muscle.helix_deg) <= math.pi / 2:
                 key = f"segments[{number}].{muscle.group}.helix_deg"
                 yield key, muscle.helix_deg, _radians((muscle.helix_deg,))
+
+
+def _of_muscles(trunk: Trunk) -> Iterator[Finding]:
+    for one, two in overlapping(trunk):
+        low, high = (end(one.radii[i], two.radii[i]) for i, end in enumerate((max, min)))
+        yield (
+            f"segments[{one.segment + 1}].muscles",
+            f"{one.name} and {two.name}",
+            f"they overlap, at radii from {low / trunk.length:.3g} to {high / trunk.length:.3g} of "
+            "the length, where tissue would count twice; give them other radii or sectors",
+        )
 
 
 def _smaller(value: float, most: float) -> str:
@@ -143,6 +156,7 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
         where = f"phases[{number}]"
         yield from _limits(phase.bounds, f"{where}.bounds")
         yield from _phase(phase, where, motion)
+        yield from _jumps(phase.loads, spec.phases[number - 2] if number > 1 else None, where)
         steps = [step for step in motion.steps if step.phase == number - 1]
         before = [step for step in motion.steps if step.phase == number - 2]
         for n, target in enumerate(phase.targets):
@@ -179,8 +193,9 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
 def _tolerances(tolerance: tuple[float, float], length: float) -> Iterator[Finding]:
     position, direction = tolerance
     if position >= length / 2:
-        text = "every point within half a trunk counts as reached; it looks like mm, write"
-        yield "tolerance.position", position, f"{text} {position / 1000:g} for m"
+        text = f"every point within {position:g} m counts as reached, and the trunk is {length:g} m"
+        text = f"{text} long; it looks like mm, write {position / 1000:g} for m"
+        yield "tolerance.position", position, text
     if direction >= 1:
         text = "a director off by 60 degrees counts as reached; it is the length of its error"
         yield "tolerance.direction", direction, f"{text}, about {math.radians(direction):.2g}"
@@ -250,9 +265,9 @@ def _first_way_point(
         for t in asked
     ):
         return
-    start = "the end of the phase before" if before else "the start of the motion, at rest"
-    text = f"is at {start}, where it is not asked for"
-    yield key, spec.through[0], f"{text}; put a phase before that reaches it, or give a later time"
+    start = "the end of the phase before" if before else "the start of the motion"
+    text = f"is ignored: no time step of this phase is at {start}"
+    yield key, spec.through[0], f"{text}; add a phase before that reaches it, or give a later time"
 
 
 def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:
@@ -264,7 +279,8 @@ def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Fi
     counts = np.arange(1, MOST_STEPS + 1)[:, None]
     fits = np.all(np.abs(number * counts - np.round(number * counts)) <= OFF_STEP, axis=1)
     hint = f"steps = {np.argmax(fits) + 1} would put one at each" if fits.any() else "add steps"
-    text = f"{off.sum()} of them lie between time steps, at which alone targets are asked for"
+    verb = "lies" if off.sum() == 1 else "lie"
+    text = f"{off.sum()} of them {verb} between time steps; targets are enforced only at time steps"
     yield key, f"{len(times)} way points", f"{text}; {hint}"
 
 
@@ -293,6 +309,25 @@ def _loads(spec: LoadsSpec, where: str, motion: Motion) -> Iterator[Finding]:
         yield f"{where}.log.density", spec.log.density, _grams(spec.log.density)
 
 
+def _jumps(loads: LoadsSpec, before: PhaseSpec | None, where: str) -> Iterator[Finding]:
+    """Loads that are to jump where there are none, before or after."""
+    both = [loads, *([before.loads] if before else [])]
+    there = {
+        "tip_force": any(any(one.tip_force) for one in both),
+        "tip_mass": any(one.tip_mass > 0 for one in both),
+        "pull": any(one.pull is not None for one in both),
+        "contact": any(
+            one.log is not None or any((*one.contact_force, *one.contact_couple)) for one in both
+        ),
+    }
+    for name, exists in there.items():
+        stated = name in loads.jump.model_fields_set and getattr(loads.jump, name)
+        if stated and not exists:
+            phases = "this phase and the one before have" if before else "this phase has"
+            text = f"{phases} no such load, so nothing jumps; add the load or leave this out"
+            yield f"{where}.loads.jump.{name}", "true", text
+
+
 def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) -> Iterator[Finding]:
     """Targets that no one asks for, or that no trunk of this length can reach."""
     counting = [
@@ -304,7 +339,6 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
     if not counting:
         yield where, phase.name, "every weight is 0, so nothing is asked of the trunk"
     stretch, pivot = motion.extension[1], motion.trunk.head.pivot_radius
-    names = [f"{where}.targets[{n}]" for n in range(1, len(phase.targets) + 1)]
     for step in steps:
         for n, target in enumerate(step.targets):
             if target.position is None or target.position_weight == 0:
@@ -312,9 +346,28 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
             away = math.hypot(*target.position)
             reach = target.Z * stretch + 2 * pivot
             if away > reach + motion.tolerance[0]:
-                name = names[n] if n < len(names) else f"{where}.wrap"
-                yield f"{name} position", target.position, _unreachable(away, reach)
+                yield _too_far(phase, where, n, target.position, reach)
                 return
+
+
+def _too_far(
+    phase: PhaseSpec, where: str, n: int, position: tuple[float, float, float], reach: float
+) -> Finding:
+    """Target `n` (from 0) of a step, beyond reach: by the key and the numbers of the file."""
+    place: TargetSpec | WrapSpec | None = phase.wrap
+    key = f"{where}.wrap"
+    if n < len(phase.targets):
+        place, key = phase.targets[n], f"{where}.targets[{n + 1}]"
+    assert place is not None
+    name, rows = ("path", place.path) if place.path else ("through", place.through)
+    if not rows:
+        word = "position" if isinstance(place, TargetSpec) else "center"
+        return f"{key}.{word}", getattr(place, word), _unreachable(math.hypot(*position), reach)
+    far = [math.hypot(*row[-3:]) for row in rows]
+    k = int(np.argmax(far))
+    # A curve may swing out between its points, and its origin may be elsewhere: then as computed.
+    away = far[k] if place.origin == "base" and far[k] > reach else math.hypot(*position)
+    return f"{key}.{name}[{k + 1}]", rows[k], _unreachable(away, reach)
 
 
 def _unreachable(away: float, reach: float) -> str:

@@ -53,7 +53,7 @@ class Format:
         return files
 
     def check(self, folder: Path, what: str) -> str:
-        """What the check of an export in its own world prints.
+        """What the check of an export in its own environment prints.
 
         Raises
         ------
@@ -149,7 +149,7 @@ def export(
 
 
 def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:
-    """Run an export in its own world against its check files; what that prints.
+    """Run an export in its own environment against its check files; what that prints.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Running an export in its own world: compilers, Octave, programs."""
+"""Running an export in its own environment: compilers, Octave, programs."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from ..errors import InputError, StaticsError
 from ..solution import Plan, Sample
 from ..statics import Shape
 
-NEAR = 0.03  # m between the trunk and the mean of its neighbours' positions
+NEAR = 0.03 / 1.75  # of the trunk's length, between it and the mean of its neighbors' positions
 HALVINGS = 5  # at most, between two time steps
 HOLD = 1e-3  # s; how long a jump takes, since moments of a file cannot coincide
 
@@ -87,7 +87,8 @@ def _between(
     except StaticsError:  # no equilibrium in between: a straight line is all there is
         return []
     here = sample.shape.position(Z)
-    if not halvings or np.linalg.norm((a[1] + b[1]) / 2 - here, axis=-1).max() < NEAR:
+    near = NEAR * plan.motion.trunk.length
+    if not halvings or np.linalg.norm((a[1] + b[1]) / 2 - here, axis=-1).max() < near:
         return []
     middle = (time, here)
     return [

@@ -101,6 +101,9 @@ class Stage:
         trunk = self.plan.motion.trunk
         Z = np.linspace(0, trunk.length, 40)
         points = [moment.shape.position(Z)[0] for moment in moments]
+        for moment in moments:
+            hung = cargo(self.plan, self._phase(moment), moment)
+            points += [surface.facets.reshape(-1, 3) for surface in hung]
         for step in range(len(self.plan.x)):
             log = log_at(self.plan.motion, step)
             if log is not None:
@@ -112,14 +115,14 @@ class Stage:
         figure, trunk = self.figure, self.plan.motion.trunk
         figure.clear()
         motion, mark = style.title(self.plan.motion), style.mark(self.plan)
-        style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s")
+        after = " (just after)" if moment.after else ""
+        style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s{after}")
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         surfaces = [
             Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))
             for index, body in enumerate(bodies)
         ]
-        step = self._step(moment.time, moment.after)
-        surfaces += cargo(self.plan, self.plan.motion.steps[step].phase, moment)
+        surfaces += cargo(self.plan, self._phase(moment), moment)
         log = self._log(moment.time)
         if log is not None:
             surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
@@ -139,6 +142,9 @@ class Stage:
     def _colour(self, activation: float) -> tuple[float, float, float]:
         red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
         return (red, green, blue)
+
+    def _phase(self, moment: Instant) -> int:
+        return self.plan.motion.steps[self._step(moment.time, moment.after)].phase
 
     def _step(self, time: float, after: bool = False) -> int:
         """Number, from 0, of the time step that a time leads to; `after` at one, the next."""

@@ -14,8 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
+from ..colours import MASS
 from ..geometry import frames, swept
 from ..solution import Plan
+from ..wording import rounded
 from . import style
 from .instants import Instant, instants, within_phase
 from .scene import (
@@ -37,7 +39,6 @@ EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"]
 WOOD = "#B08D57"
 LOG_PATH = "#5A3E12"
 HEAD = "#F3EFE6"
-CARGO = "#7A3B69"
 TARGET = "#CC0055"
 SECTIONS = 36
 CARGO_RADIUS = 0.08 / 1.75  # of the trunk's length; the mass at the tip is known, its size is not
@@ -156,9 +157,12 @@ def _boxes(plan: Plan, rows: list[Row], row: Row) -> list[Bbox]:
 
 
 def _everything(plan: Plan, row: Row, view: View) -> np.ndarray:
-    """Points (n, 3) in m that a row's panels have room for: bodies, sphere and targets."""
+    """Points (n, 3) in m that a row's panels have room for: bodies, mass, sphere and targets."""
     trunk, sphere = plan.motion.trunk, head_sphere(plan.motion.trunk)
     points = [_body(plan, instant).reshape(-1, 3) for instant in row.trunks] + [np.zeros((1, 3))]
+    for instant in row.trunks:
+        hung = cargo(plan, _phase_at(plan, row, instant), instant)
+        points += [surface.facets.reshape(-1, 3) for surface in hung]
     for log in row.logs:
         points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
     for mark in row.marks:
@@ -216,7 +220,7 @@ def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
     end, shape = np.array([plan.motion.trunk.length]), instant.shape
     radius = CARGO_RADIUS * plan.motion.trunk.length
     ahead = radius * shape.directors(end)[0, 0, 2]
-    return [Surface(ball(shape.position(end)[0, 0] + ahead, radius), CARGO)]
+    return [Surface(ball(shape.position(end)[0, 0] + ahead, radius), MASS)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
@@ -280,7 +284,7 @@ def _key(figure: Figure, plan: Plan) -> None:
             Line2D([], [], color=LOG_PATH, marker=".", linewidth=0.8, label="path of the log")
         )
     if any(carried(plan.motion, number) > 0 for number in phases):
-        ball = Line2D([], [], color=CARGO, marker="o", linestyle="", label="mass at the tip")
+        ball = Line2D([], [], color=MASS, marker="o", linestyle="", label="mass at the tip")
         entries.append(ball)
     style.legend_above(figure, entries)
 
@@ -301,7 +305,7 @@ def _caption(plan: Plan, row: Row) -> str:
         1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks if mark.placed
     ]
     if errors:
-        text += f";  position error at the end: at most {max(errors):.2g} mm"
+        text += f";  position error at the end: at most {rounded(max(errors))} mm"
     mass = max(carried(plan.motion, number) for number in _ends(row))
     if mass > 0:
         text += f";  {mass:g} kg at the tip"

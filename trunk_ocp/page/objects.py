@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..colours import MASS
 from ..interpolation import interpolate
 from ..motion import Motion
 from ..problem_file import LogSpec, PhaseSpec, WrapSpec
@@ -23,7 +24,10 @@ SLENDERNESS = 12.0  # length by radius of a log of which only the radius is give
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """Something that is moved: its description for the page and its centre (n, 3) in m."""
+    """Something that is moved: its description for the page and its centre (n, 3) in m.
+
+    The description of one that comes and goes has `shown`, n times whether it is there.
+    """
 
     description: dict[str, Any]
     centre: np.ndarray
@@ -91,7 +95,10 @@ def _filled(grips: list[np.ndarray | None], first: np.ndarray) -> np.ndarray:
 
 
 def _fruit(plan: Plan, samples: Sequence[Sample], shape: Shape) -> Iterator[Thing]:
-    """The mass that a phase hangs on the tip: it waits where it is taken, and stays where left."""
+    """The mass that a phase hangs on the tip: it waits where it is taken.
+
+    Once let go it is gone: where it falls nobody knows.
+    """
     phases = plan.motion.spec.phases
     mass = max(phase.loads.tip_mass for phase in phases)
     if mass <= 0:
@@ -107,7 +114,9 @@ def _fruit(plan: Plan, samples: Sequence[Sample], shape: Shape) -> Iterator[Thin
     for i, holds in enumerate(held):
         place = at_tip[i] if holds else place
         centre[i] = place
-    yield Thing({"kind": "fruit", "radius": radius, "mass": mass}, centre)
+    shown = (held | (np.arange(len(held)) < np.argmax(held))).tolist()
+    fruit = {"kind": "fruit", "radius": radius, "mass": mass, "color": MASS, "shown": shown}
+    yield Thing(fruit, centre)
 
 
 def _holding(

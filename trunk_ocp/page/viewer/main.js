@@ -189,7 +189,10 @@ function degrees(angle) {
 
 function writeBar(time) {
   const phase = phaseAt(plans[0], time);
-  const said = `${time.toFixed(2)} of ${clock.duration.toFixed(2)} s`;
+  const now = time.toFixed(2);
+  const beyond = ({ jumps }) => jumps.some((t) => t < time && t.toFixed(2) === now);
+  const jumped = !clock.playing && plans.some(beyond);
+  const said = `${now} of ${clock.duration.toFixed(2)} s${jumped ? ", just after" : ""}`;
   setText(byId("now"), said);
   setText(byId("phase"), phase);
   const slider = byId("time");

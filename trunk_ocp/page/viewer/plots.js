@@ -2,7 +2,9 @@
 
 import { activationRange } from "./data.js";
 
-const MARGIN = { left: 28, right: 12, top: 20, bottom: 22 };
+const MARGIN = { right: 12, top: 20, bottom: 22 };
+const LETTER = 6.5; // px, about, of a label
+const LEVELS = 4; // about, with labels
 const HEIGHT = 150; // px of a panel
 const NEAR = 10; // px from a curve that still pick it
 const WIDTHS = { plain: 1.6, chosen: 4 }; // px
@@ -12,10 +14,11 @@ export class Plots {
   constructor(container, plans, { seek, pick }) {
     const range = activationRange(plans);
     const end = Math.max(...plans.map((plan) => plan.duration));
+    const left = 10 + LETTER * Math.max(...ticks(...range, LEVELS).map((y) => short(y).length));
     this.panels = plans.flatMap((plan) => {
       const section = planSection(container, plan);
       return segmentsOf(plan).map((segment) => {
-        const panel = new Panel(plan, segment, { range, end }, { seek, pick });
+        const panel = new Panel(plan, segment, { range, end, left }, { seek, pick });
         section.append(panel.element);
         return panel;
       });
@@ -72,7 +75,8 @@ class Panel {
   }
 
   x(time) {
-    const { left, right } = MARGIN;
+    const { right } = MARGIN;
+    const { left } = this.axes;
     return left + (time / this.axes.end) * (this.width - left - right);
   }
 
@@ -83,7 +87,8 @@ class Panel {
   }
 
   timeAt(x) {
-    const { left, right } = MARGIN;
+    const { right } = MARGIN;
+    const { left } = this.axes;
     return ((x - left) / (this.width - left - right)) * this.axes.end;
   }
 
@@ -98,11 +103,12 @@ class Panel {
   }
 
   title() {
-    return text(`Segment ${this.segment + 1}`, { x: MARGIN.left, y: 13, class: "title" });
+    return text(`Segment ${this.segment + 1}`, { x: this.axes.left, y: 13, class: "title" });
   }
 
   grid() {
-    const { left, right, bottom } = MARGIN;
+    const { right, bottom } = MARGIN;
+    const { left } = this.axes;
     const level = (value) => [
       svg("line", { x1: left, x2: this.width - right, y1: this.y(value), y2: this.y(value) }),
       text(short(value), { x: left - 5, y: this.y(value) + 4, "text-anchor": "end" }),
@@ -114,7 +120,7 @@ class Panel {
     };
     const [low, high] = this.axes.range;
     const times = ticks(0, this.axes.end, Math.max(3, Math.round(this.width / 70)));
-    return [...ticks(low, high, 4).flatMap(level), ...times.map(mark)];
+    return [...ticks(low, high, LEVELS).flatMap(level), ...times.map(mark)];
   }
 
   /** Where one phase ends and the next begins. */

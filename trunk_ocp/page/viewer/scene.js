@@ -6,7 +6,7 @@ import { activationColor } from "./colors.js";
 import { instantAt, mixed } from "./data.js";
 
 const GHOST = 0.13; // opacity of the other muscles while one is selected
-const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540, fruit: 0x9c3848 };
+const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540 };
 // Sizes are shares of the trunk's length.
 const TARGET = {
   now: { color: 0x111111, radius: 0.01 },
@@ -63,7 +63,10 @@ export class PlanScene {
       if (mesh.visible) this.move(mesh);
     }
     const instant = instantAt(this.plan, t);
-    this.objects.forEach((mesh, i) => placeObject(mesh, this.plan.objects[i].centre, instant));
+    this.objects.forEach((mesh, i) => {
+      placeObject(mesh, this.plan.objects[i].centre, instant);
+      mesh.visible = (this.look?.parts.objects ?? true) && isThere(this.plan.objects[i], instant);
+    });
     markTargets(this.targets, this.plan, t);
     turnArrows(this.arrows, this.plan, t);
     this.turnHead(instant);
@@ -174,17 +177,22 @@ function skinTube(trunk) {
   return makeTube(circle(1.01 * trunk.radius), false, 0, trunk.taper.length - 1);
 }
 
-function objectMesh({ kind, radius, length }) {
+function objectMesh({ kind, radius, length, color }) {
   // A cylinder's axis is y, as the log's.
   const geometry =
     kind === "log"
       ? new THREE.CylinderGeometry(radius, radius, length, 40)
       : new THREE.SphereGeometry(radius, 32, 20);
-  return new THREE.Mesh(geometry, solid(COLORS[kind]));
+  return new THREE.Mesh(geometry, solid(color ?? COLORS[kind]));
 }
 
 function placeObject(mesh, centre, instant) {
   mesh.position.set(...[0, 1, 2].map((c) => mixed(centre, 3, c, instant)));
+}
+
+/** A mass that has been let go is gone. */
+function isThere({ shown }, { before, after, share }) {
+  return shown?.[share < 1 ? before : after] ?? true;
 }
 
 /** All targets as one mesh, for a plan may have many. */
