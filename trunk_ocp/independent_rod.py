@@ -201,7 +201,9 @@ def dop853(
             reached = int(np.searchsorted(at, solver.t, side="right"))
             if reached > len(known):
                 between = solver.dense_output()
-                for i in range(len(known), reached):  # one by one, as all n of all would fill memory
+                for i in range(
+                    len(known), reached
+                ):  # one by one, as all n of all would fill memory
                     values = between(at[i])
                     known.append(values if pick is None else values[pick[i]])
     if solver.status != "finished" or not np.all(np.isfinite(solver.y)):
