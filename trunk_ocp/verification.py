@@ -30,7 +30,8 @@ PLAUSIBLE_STRETCH = (0.5, 2.0)
 """Of zeta / zeta_hat; at either end the linear law (15) is off by a factor of two from rubber's."""
 MOST_TOGETHER = 32  # time steps that are checked together, if they have few targets
 MOST_POINTS = 1000  # of targets of steps that are checked together, for memory
-MOST_LOST = 32  # steps without an equilibrium nearby; of later ones none is looked for
+MOST_LOST = 32  # steps without an equilibrium nearby; for later ones none is looked for
+LOST = 100 * LARGEST_TURN  # of a director; an equilibrium that far is not nearby
 MOST_SLOPES = 1000  # of a segment of a rod that is no equilibrium; the shipped motions take 100
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
@@ -203,7 +204,7 @@ class _Rods:
     moment_difference: np.ndarray
     end_moment: np.ndarray
     lost: np.ndarray
-    """(n,) bool, where no equilibrium was found."""
+    """(n,) bool, where no equilibrium is nearby."""
 
 
 def _checked_rods(motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> _Rods:
@@ -211,7 +212,8 @@ def _checked_rods(motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: 
     asked, parts, lost = _asked(motion, len(x)), [], 0
     for some in _groups(asked):
         own = asked[some]
-        part = _check(motion.trunk, x[some], loads[some], shape[some], own, lost < MOST_LOST)
+        with deferred_interrupts():  # at whose end Ctrl-C is heeded
+            part = _check(motion.trunk, x[some], loads[some], shape[some], own, lost < MOST_LOST)
         lost += int(np.count_nonzero(part.lost))
         parts.append(part)
     paths = [part.path for part in parts]
@@ -260,6 +262,7 @@ def _check(
     path, end_moment, lost = _independent(trunk, x, loads, shape, Z, search)
     # Moments below a millionth of what bends the trunk to its own length are round-off.
     floor = 1e-6 * stiffness(trunk, 0.0)[1] / L
+    turn = np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2))
     largest = np.maximum(np.linalg.norm(path.moment, axis=2).max(axis=1), floor)
     at_same = np.isin(Z, same)
     return _Rods(
@@ -269,11 +272,11 @@ def _check(
             for t, own in enumerate(asked)
         ),
         np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
-        np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2)),
+        turn,
         _stretch(trunk, x, loads, path),
         np.linalg.norm(path.moment - shape.moment(Z), axis=2).max(axis=1) / largest,
         np.linalg.norm(end_moment, axis=1) / largest,
-        lost,
+        lost | ~(turn <= LOST),
     )
 
 
