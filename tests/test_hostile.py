@@ -11,7 +11,6 @@ import pickle
 import re
 import time
 import tomllib
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from plans import MOTIONS, POINT, TOUCH, shipped, written
 from test_user_motions import REACH, ROD
 
 import trunk_ocp
-from trunk_ocp import cli, independent_rod, two_point
+from trunk_ocp import cli, two_point, verification
 from trunk_ocp.anatomy import load_anatomy
 from trunk_ocp.collocation import Mesh
 from trunk_ocp.errors import InputError
@@ -251,9 +250,8 @@ def test_a_trunk_that_its_weight_crushes_is_told_by_its_passive_tip(tmp_path):
 
 
 def test_a_rod_that_coils_without_end_is_given_up(tmp_path, monkeypatch):
-    slow = partial(independent_rod.dop853, most=10)
-    for module in (two_point, independent_rod):
-        monkeypatch.setattr(module, "dop853", lambda *given: slow(*given[:5]))
+    monkeypatch.setattr(two_point, "MOST_SLOPES", 10)
+    monkeypatch.setattr(verification, "MOST_SLOPES", 10)
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), throw=False)
     assert plan.status is Status.UNVERIFIED
     assert np.isnan(plan.verification.position_difference).all()

@@ -236,9 +236,7 @@ def _check(
         if array.shape != expected.get(name):
             raise InputError(f"{name}: expected an array of the motion's size")
     asked = {
-        t
-        for t, step in enumerate(motion.steps[:steps])
-        if mode == "sequential" and step.auxiliary is not None and step.auxiliary.binds
+        t for t, step in enumerate(motion.steps[:steps]) if mode == "sequential" and step.follows
     }
     held = {held for held in motion.held if held.step < steps}
     if steps > len(motion.steps) or set(state.near) != asked or set(state.held) != held:

@@ -382,12 +382,13 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     before = np.zeros(plan.x.shape[1])
     for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
         change, box = x - before, allowed(plan.motion, step, plan.near.get(t))
+        free = t in plan.near and step.follows
         for i, name in enumerate(names):
             side = _side(x[i], box.lower[i], box.upper[i])
             kind = "head" if i >= len(trunk.muscles) else _work(side, box.lower[i], box.upper[i])
             if side and kind:
                 found[kind].setdefault(name, []).append(t + 1)
-            if t not in plan.near and _side(change[i], step.change.lower[i], step.change.upper[i]):
+            if not free and _side(change[i], step.change.lower[i], step.change.upper[i]):
                 found["change"].setdefault(name, []).append(t + 1)
         for s, zeta in enumerate(extension[t].tolist()):
             if _side(zeta, *plan.motion.extension):

@@ -6,13 +6,12 @@ quaternions, integrated by scipy's DOP853.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853
 
 from .activation import mean_extension, segment_at, stiffness, strains
 from .anatomy import Trunk
@@ -102,7 +101,12 @@ def jumps_of(trunk: Trunk, loads: Sequence[Loads]) -> list[float]:
 
 
 def integrate(
-    trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], moment: np.ndarray, Z: np.ndarray
+    trunk: Trunk,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    moment: np.ndarray,
+    Z: np.ndarray,
+    most: int = MOST_SLOPES,
 ) -> Trajectory:
     """Integrate H rods together from the base to every point of Z, sorted.
 
@@ -112,12 +116,14 @@ def integrate(
         Activations and head angles; they fix everything at the base but the moment.
     moment : (H, 3)
         m(0) in N m, in the directors.
+    most
+        Slopes that may be taken in a segment; NaN from there on if they do not do.
     """
     if not len(loads):
         return Trajectory(Z, *(np.zeros((0, Z.size, *n)) for n in ((3,), (3, 3), (3,))))
     finite = np.all(np.isfinite(np.hstack([x, moment])), axis=1)
     if not np.all(finite):
-        return _integrate_some(trunk, x, loads, moment, Z, finite)
+        return _integrate_some(trunk, x, loads, moment, Z, finite, most)
     H, activation = len(loads), x[:, :-2]
     unit = np.ones((15, 1, 1))
     unit[:3], unit[12:] = trunk.length, stiffness(trunk, 0.0)[1] / trunk.length
@@ -132,12 +138,11 @@ def integrate(
         def slope(at: float, y: np.ndarray, rods: Rods = rods) -> np.ndarray:
             return (rods.rates(np.full(H, at), y.reshape(15, 1, H) * unit) / unit).ravel()
 
-        path = dop853(slope, (start, end), state.ravel(), np.union1d(Z[inside], [end]))
+        path = dop853(slope, (start, end), state.ravel(), Z[inside], most=most)
         if path is None:
             break  # NaN from here on: never called verified
-        path = path.reshape(-1, 15, 1, H)
-        values[inside] = path[: np.count_nonzero(inside)]
-        state = path[-1]
+        values[inside] = path[0].reshape(-1, 15, 1, H)
+        state = path[1].reshape(15, 1, H)
     values = np.moveaxis((values * unit)[:, :, 0], 2, 0)
     values[:, Z <= 0, 12:] = moment[:, None]  # itself, not its round trip
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
@@ -151,20 +156,17 @@ def _integrate_some(
     moment: np.ndarray,
     Z: np.ndarray,
     some: np.ndarray,
+    most: int,
 ) -> Trajectory:
     """Integrate some of the rods; NaN for the others."""
     chosen = [load for load, keep in zip(loads, some, strict=True) if keep]
-    path = integrate(trunk, x[some], chosen, moment[some], Z)
+    path = integrate(trunk, x[some], chosen, moment[some], Z, most)
     every = []
     for part in (path.position, path.directors, path.moment):
         whole = np.full((len(some), *part.shape[1:]), np.nan)
         whole[some] = part
         every.append(whole)
     return Trajectory(Z, *every)
-
-
-class _EndlessError(Exception):
-    """An integration comes to no end, as of a rod that coils in itself."""
 
 
 def dop853(
@@ -174,31 +176,39 @@ def dop853(
     at: np.ndarray,
     tolerance: float = TOLERANCE,
     most: int = MOST_SLOPES,
-) -> np.ndarray | None:
-    """Values (points, n) at sorted points; None where there is no end to it, or no number."""
+    pick: np.ndarray | None = None,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Values (points, n) at sorted points, and those (n,) at the end.
+
+    None where there is no end to it, as of a rod that coils in itself, or no number.
+
+    Parameters
+    ----------
+    most : slopes that may be taken
+    pick : (points, m), which of the n values are kept at each point; all by default
+    watch : is shown the slopes (n,) after each step, and may change them in place
+    """
     if not np.all(np.isfinite(start)):
         return None
-    calls = itertools.count(1)
-
-    def counted(Z: float, y: np.ndarray) -> np.ndarray:
-        if next(calls) > most:
-            raise _EndlessError
-        return slope(Z, y)
-
-    try:
-        with np.errstate(all="ignore"):  # a rod that diverges ends as NaN
-            result = solve_ivp(
-                counted,
-                ends,
-                start,
-                method="DOP853",
-                t_eval=at,
-                rtol=tolerance,
-                atol=tolerance,
-            )
-    except _EndlessError:
+    known: list[np.ndarray] = []
+    with np.errstate(all="ignore"):  # a rod that diverges ends as NaN
+        solver = DOP853(slope, ends[0], start, ends[1], rtol=tolerance, atol=tolerance)
+        while solver.status == "running" and solver.nfev <= most:
+            solver.step()
+            if watch is not None:
+                watch(solver.f)
+            reached = int(np.searchsorted(at, solver.t, side="right"))
+            if reached > len(known):
+                between = solver.dense_output()
+                for i in range(
+                    len(known), reached
+                ):  # one by one, as all n of all would fill memory
+                    values = between(at[i])
+                    known.append(values if pick is None else values[pick[i]])
+    if solver.status != "finished" or not np.all(np.isfinite(solver.y)):
         return None
-    return result.y.T if result.success and np.all(np.isfinite(result.y[:, -1])) else None
+    return np.array(known).reshape(len(at), -1 if len(at) else 0), solver.y
 
 
 def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:

@@ -78,6 +78,11 @@ class Step:
     change: Box
     auxiliary: Auxiliary | None
 
+    @property
+    def follows(self) -> bool:
+        """Whether it may ask to stay near an auxiliary solution instead of the step before."""
+        return self.auxiliary is not None and self.auxiliary.binds
+
 
 @dataclass(frozen=True)
 class Phase:

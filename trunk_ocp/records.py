@@ -164,8 +164,7 @@ def check_near(motion: Motion, x: np.ndarray, near: Mapping[int, np.ndarray]) ->
     x : (H, muscles + 2), unknowns of the first H time steps.
     """
     for t, unknowns in near.items():
-        auxiliary = motion.steps[t].auxiliary
-        if auxiliary is None or not auxiliary.binds:
+        if not motion.steps[t].follows:
             raise InputError(f"near_step = {t + 1}: this time step has no auxiliary solution")
         box, change = motion.steps[t].box, motion.steps[t].change
         kept = np.all((box.lower - SLACK <= unknowns) & (unknowns <= box.upper + SLACK))

@@ -349,25 +349,22 @@ class StepErrors:
 
 def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
     """Errors of each step of a plan, from the independently integrated shapes."""
-    path = plan.verification.trajectory
-
-    def at(Z: float) -> int:
-        return int(np.searchsorted(path.Z, Z))
+    at = plan.verification.at
 
     def goal(direction: Held | Sequence[float]) -> np.ndarray:
         if isinstance(direction, Held):
-            return path.directors[direction.step, at(direction.Z), direction.director]
+            return at(direction.step, direction.Z)[1][direction.director]
         return np.asarray(direction)
 
     result = []
     for t, step in enumerate(plan.motion.steps[: len(plan.x)]):
         positions = [
-            (g.Z, _distance(path.position[t, at(g.Z)], g.position), g.position_weight)
+            (g.Z, _distance(at(t, g.Z)[0], g.position), g.position_weight)
             for g in step.targets
             if g.position is not None and g.position_weight > 0
         ]
         directions = [
-            (g.Z, _distance(path.directors[t, at(g.Z), j], goal(d)), weight)
+            (g.Z, _distance(at(t, g.Z)[1][j], goal(d)), weight)
             for g in step.targets
             for j, d, weight in g.pairs()
         ]

@@ -29,9 +29,12 @@ TURN = 2.0
 """Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
 MOST_INTERVALS = 400
 LARGEST_TURN = 10.0  # of an interval; beyond, differences and steps tell nothing
+STEEPEST = 100.0  # slope across an interval, where it starts at 2 or at most 10
 MOST_SLOPES = 300  # of an interval; it takes 40 to 60
+MOST_FAILURES = 6  # integrations that come to no end, of rods that are solved together
 SAMPLES = 100  # points at which the growth is looked at
 TOGETHER = 32  # rods
+MOST_ROWS = 640  # intervals of rods that are solved together, for memory
 ITERATIONS = 8
 ROUGH = 1e-8  # tolerance of tangents
 CLOSED = 1e-8  # last Newton step, rad and in local units of moment
@@ -44,6 +47,8 @@ def equilibria(
     trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape, Z: np.ndarray
 ) -> Trajectory:
     """Equilibria of H rods next to given shapes (H,) at points Z, sorted; NaN where there is none.
+
+    Where some of the rods take very long, others that do are given up together with them.
 
     Parameters
     ----------
@@ -68,17 +73,22 @@ def _solve_some(
     some: np.ndarray,
     path: Trajectory,
 ) -> None:
-    """Fill in the path of some rods; those that fail together are tried by halves."""
-    of_some = [loads[t] for t in some]
-    part = Shape(trunk, shape.mesh, shape.states[some], shape.edges[some], shape.slopes[some])
-    problem = _TwoPoint.of(trunk, x[some], of_some, part)
-    found = problem.solve(path.Z) if problem is not None else None
-    if found is not None:
-        path.position[some], path.directors[some], path.moment[some] = found
-    elif some.size > 1:
+    """Fill in the path of some rods; by halves where they need many intervals."""
+    of_some, part = [loads[t] for t in some], shape[some]
+    growth = _Growth.of(trunk, x[some, :-2], of_some, part)
+    if not np.all(growth.bearable):
+        some = some[growth.bearable]
+        return _solve_some(trunk, x, loads, shape, some, path) if some.size else None
+    nodes, units = growth.nodes()
+    if some.size > 1 and some.size * (nodes.size - 1) > MOST_ROWS:
         middle = some.size // 2
         for half in (some[:middle], some[middle:]):
             _solve_some(trunk, x, loads, shape, half, path)
+        return None
+    found = _TwoPoint.of(trunk, x[some], of_some, part, nodes, units).solve(path.Z)
+    if found is not None:
+        path.position[some], path.directors[some], path.moment[some] = found
+    return None
 
 
 @dataclass(eq=False)
@@ -95,6 +105,12 @@ class _TwoPoint:
         Directors and moment (N m) at the nodes, improved in place; m at the tip is zero.
     r0 : (H, 3)
         Base positions in m.
+    lost : (H,) bool
+        Rods that coil or diverge: they are kept where they were, so as not to hold up the others.
+    steepness : (H,)
+        Largest slope of each rod at the last step of an integration.
+    failures : int
+        Integrations that came to no end.
     """
 
     rods: Rods
@@ -103,16 +119,21 @@ class _TwoPoint:
     r0: np.ndarray
     d: np.ndarray
     m: np.ndarray
+    lost: np.ndarray
+    steepness: np.ndarray
+    failures: int = 0
 
     @classmethod
     def of(
-        cls, trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape
-    ) -> _TwoPoint | None:
-        """Rods with the states of a shape at their nodes; None if they bend beyond measure."""
-        found = _nodes(trunk, x[:, :-2], loads, shape)
-        if found is None:
-            return None
-        nodes, units = found
+        cls,
+        trunk: Trunk,
+        x: np.ndarray,
+        loads: Sequence[Loads],
+        shape: Shape,
+        nodes: np.ndarray,
+        units: np.ndarray,
+    ) -> _TwoPoint:
+        """Rods with the states of a shape at their nodes."""
         K = nodes.size - 1
         middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
         every = [load for load in loads for _ in range(K)]
@@ -120,29 +141,38 @@ class _TwoPoint:
         d, m = shape.directors(nodes), shape.moment(nodes)
         r0, d[:, 0] = base_frames(trunk, x[:, -2:])
         m[:, -1] = 0.0
-        return cls(rods, nodes, units, r0, d, m)
+        lost, steepness = np.zeros(len(x), dtype=bool), np.zeros(len(x))
+        return cls(rods, nodes, units, r0, d, m, lost, steepness)
 
-    def solve(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Position, directors and moment at points Z; None where Newton's method fails."""
-        interval = np.searchsorted(self.nodes[1:-1], Z, side="left")
-        tau = (Z - self.nodes[interval]) / self.widths[interval]
-        taus, place = np.unique(np.append(tau, 1.0), return_inverse=True)
-        tangents, size = np.zeros(0), math.inf
+    def solve(self, Z: np.ndarray) -> tuple[np.ndarray, ...] | None:
+        """Position, directors and moment at points Z, NaN where Newton's method fails.
+
+        None where it fails for all.
+        """
+        tangents, size = np.zeros(0), np.full(len(self.m), math.inf)
         for _ in range(ITERATIONS):
-            again = size > FAR  # at first, and where tangents have changed since
-            path = self._nudged() if again else self._march(self._starts()[None], taus, TOLERANCE)
-            if path is None:
+            again = bool(np.any(size > FAR))  # at first, and where tangents have changed since
+            found: tuple[np.ndarray, ...] | None = self._nudged() if again else self._at_points(Z)
+            if found is None:
                 return None
             if again:
-                tangents = self._tangents(path[-1])
-            step = close_gaps(tangents, self._gaps(path[-1, 0])[..., None])[..., 0]
-            size = float(np.abs(step).max()) if np.all(np.isfinite(step)) else math.inf
-            if size < CLOSED and not again:
-                return self._at_points(path[:, 0], interval, place[:-1])
-            if not size < FARTHEST:
-                return None
+                tangents = self._tangents(found[-1])
+            step = close_gaps(tangents, self._gaps(found[-1][0])[..., None])[..., 0]
+            size = np.abs(step).max(axis=(1, 2))
+            self.lost |= ~(size < FARTHEST)
+            size[self.lost] = 0.0
+            if not again and np.all(size < CLOSED):
+                return self._unless_lost(found[:3])
+            step[self.lost] = 0.0
             self._move(step)
-        return None
+        self.lost |= ~(size < CLOSED)
+        found = self._at_points(Z)
+        return None if found is None else self._unless_lost(found[:3])
+
+    def _unless_lost(self, found: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+        for values in found:
+            values[self.lost] = np.nan
+        return found
 
     @property
     def widths(self) -> np.ndarray:
@@ -155,29 +185,55 @@ class _TwoPoint:
         m = self.m[:, :-1] / self.units[:-1, None]
         return np.concatenate([np.zeros((H, K, 3)), self.d[:, :-1].reshape(H, K, 9), m], axis=2)
 
-    def _march(self, y: np.ndarray, taus: np.ndarray, tolerance: float) -> np.ndarray | None:
-        """States (taus, copies, H, K, 15) from y (copies, H, K, 15), all side by side."""
-        H = len(self.m)
+    def _march(
+        self, y: np.ndarray, tolerance: float, at: np.ndarray, pick: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """States from y (copies, H, K, 15), all side by side: at points, and at the right ends.
+
+        Those at points `at` from 0 to 1 are what `pick` (points, m) has of (15, copies, H, K) made
+        flat. None where all rods are lost.
+        """
+        H, K = len(self.m), self.widths.size
         Z, h = np.tile(self.nodes[:-1], H), np.tile(self.widths, H)
         unit = np.ones((15, 1, h.size))
         unit[:3], unit[12:] = h, np.tile(self.units[:-1], H)
         scale, shape = h / unit, (15, len(y), h.size)
 
         def slope(tau: float, flat: np.ndarray) -> np.ndarray:
-            return (scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)).ravel()
+            values = scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)
+            return self._kept(values.reshape(15, -1, H, K)).ravel()
 
-        start = np.moveaxis(y.reshape(len(y), h.size, 15), 2, 0)
-        path = dop853(slope, (0.0, 1.0), start.ravel(), taus, tolerance, MOST_SLOPES)
-        return None if path is None else np.moveaxis(path.reshape(-1, 15, *y.shape[:-1]), 1, -1)
+        def watch(slopes: np.ndarray) -> None:
+            values = slopes.reshape(15, -1, H, K)
+            self.steepness = np.abs(values[3:]).max(axis=(0, 1, 3))
+            self.lost |= ~(self.steepness <= STEEPEST)
+            self._kept(values)
 
-    def _nudged(self) -> np.ndarray | None:
-        """States (1, 7, H, K, 15) at the right ends, from the left ends and six that are moved."""
+        start = np.moveaxis(y, 3, 0).ravel()
+        while self.failures < MOST_FAILURES and not np.all(self.lost):
+            self.steepness = np.full(H, math.inf)
+            path = dop853(slope, (0.0, 1.0), start, at, tolerance, MOST_SLOPES, pick, watch)
+            if path is not None:
+                return path[0], np.moveaxis(path[1].reshape(15, -1, H, K), 0, -1)
+            self.failures += 1
+            self.lost |= ~(self.steepness <= min(LARGEST_TURN, self.steepness.max() / 2))
+        return None
+
+    def _kept(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (15, copies, H, K) in which lost rods have none."""
+        if np.any(self.lost):
+            slopes[:, :, self.lost] = 0.0
+        return slopes
+
+    def _nudged(self) -> tuple[np.ndarray] | None:
+        """States (7, H, K, 15) at the right ends, from the left ends and six that are moved."""
         y = np.repeat(self._starts()[None], 7, axis=0)
         d = self.d[:, :-1]
         for i in range(3):
             y[1 + i, ..., 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*d.shape[:2], 9)
             y[4 + i, ..., 12 + i] += NUDGE
-        return self._march(y, np.ones(1), ROUGH)
+        found = self._march(y, ROUGH, np.zeros(0), np.zeros((0, 0), dtype=int))
+        return None if found is None else (found[1],)
 
     def _tangents(self, ends: np.ndarray) -> np.ndarray:
         """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left."""
@@ -199,48 +255,82 @@ class _TwoPoint:
         self.d = self.d @ turn.reshape(self.d.shape).swapaxes(-1, -2)
         self.m = self.m + step[..., 3:] * self.units[:, None]
 
-    def _at_points(
-        self, path: np.ndarray, interval: np.ndarray, place: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Position, directors and moment at points, of states (taus, H, K, 15)."""
-        h = self.widths[:, None]
-        edges = np.concatenate([self.r0[:, None], path[-1, ..., :3] * h], axis=1).cumsum(axis=1)
-        y = path[place, :, interval].swapaxes(0, 1)  # (H, points, 15)
+    def _at_points(self, Z: np.ndarray) -> tuple[np.ndarray, ...] | None:
+        """Position, directors and moment (H, points, ...) at points, states at the right ends."""
+        H, K = len(self.m), self.widths.size
+        interval = np.searchsorted(self.nodes[1:-1], Z, side="left")
+        tau = (Z - self.nodes[interval]) / self.widths[interval]
+        order = np.argsort(tau, kind="stable")
+        own = np.arange(15 * H) * K + interval[order, None]  # of (15, H, K) made flat
+        found = self._march(self._starts()[None], TOLERANCE, tau[order], own)
+        if found is None:
+            return None
+        y = np.empty((Z.size, 15, H))
+        y[order] = found[0].reshape(-1, 15, H)
+        y = np.moveaxis(y, 2, 0)  # (H, points, 15)
+        h, ends = self.widths[:, None], found[1]
+        edges = np.concatenate([self.r0[:, None], ends[0, ..., :3] * h], axis=1).cumsum(axis=1)
         return (
             edges[:, interval] + y[..., :3] * h[interval],
             y[..., 3:12].reshape(*y.shape[:2], 3, 3),
             y[..., 12:] * self.units[interval, None],
+            ends,
         )
 
 
-def _nodes(
-    trunk: Trunk, activation: np.ndarray, loads: Sequence[Loads], shape: Shape
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m.
+@dataclass(frozen=True)
+class _Growth:
+    """How much turns and errors grow along H rods.
 
-    None if too much grows. What grows: turns, by curvature; bending, by the force that pulls or
-    pushes; 1 / f(Z).
+    What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
+
+    Attributes
+    ----------
+    jumps : where the equations jump, in m
+    Z : (n,)
+        Points in m, even in local radii, jumps among them.
+    rates : (H, n)
+        Growth exponent and angle in 1/m.
     """
-    jumps = jumps_of(trunk, loads)
-    k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
-    local = -np.expm1(levels * np.log1p(-k * trunk.length)) / k if k else levels * trunk.length
-    Z = np.unique([*jumps, *local[1:-1]])  # evenly in local radii
-    zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
-    mean = mean_extension(trunk, strains(trunk, activation))[:, None]
-    K = stiffness(trunk, Z)
-    N = np.array([np.linalg.norm(internal_force(load, trunk, Z), axis=1) for load in loads])
-    u = u_hat + shape.moment(Z) * mean[..., None] ** 2 / K[:, 1:]
-    pull = N * (1 + N * mean / K[:, 0]) * mean**2 / K[:, 1]
-    rate = np.abs(zeta_hat) * (np.linalg.norm(u, axis=2) + np.sqrt(np.abs(pull)))
-    rate = rate.max(axis=0) + trunk.taper_rate / trunk.taper(Z) + 1 / trunk.length
-    growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
-    each = max(TURN, growth[-1] / MOST_INTERVALS)
-    if not each < LARGEST_TURN:
-        return None
-    nodes = [0.0]
-    for start, end in pairwise(np.searchsorted(Z, jumps).tolist()):
-        count = max(1, math.ceil((growth[end] - growth[start]) / each))
-        levels = np.linspace(growth[start], growth[end], count + 1)[1:-1]
-        nodes += [*np.interp(levels, growth[start : end + 1], Z[start : end + 1]), Z[end]]
-    units = np.interp(nodes, Z, rate) * stiffness(trunk, np.asarray(nodes))[:, 1]
-    return np.asarray(nodes), units
+
+    jumps: list[float]
+    Z: np.ndarray
+    rates: np.ndarray
+    trunk: Trunk
+
+    @classmethod
+    def of(
+        cls, trunk: Trunk, activation: np.ndarray, loads: Sequence[Loads], shape: Shape
+    ) -> _Growth:
+        """Growth along rods that have about a shape (H,)."""
+        jumps = jumps_of(trunk, loads)
+        k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
+        local = -np.expm1(levels * np.log1p(-k * trunk.length)) / k if k else levels * trunk.length
+        Z = np.unique([*jumps, *local[1:-1]])  # evenly in local radii
+        zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
+        mean = mean_extension(trunk, strains(trunk, activation))[:, None]
+        K = stiffness(trunk, Z)
+        N = np.array([np.linalg.norm(internal_force(load, trunk, Z), axis=1) for load in loads])
+        u = u_hat + shape.moment(Z) * mean[..., None] ** 2 / K[:, 1:]
+        pull = N * (1 + N * mean / K[:, 0]) * mean**2 / K[:, 1]
+        rates = np.abs(zeta_hat) * (np.linalg.norm(u, axis=2) + np.sqrt(np.abs(pull)))
+        return cls(jumps, Z, rates + trunk.taper_rate / trunk.taper(Z) + 1 / trunk.length, trunk)
+
+    @property
+    def bearable(self) -> np.ndarray:
+        """Which rods (H,) can be cut into intervals over which little grows."""
+        growth = np.sum(np.diff(self.Z) * (self.rates[:, 1:] + self.rates[:, :-1]) / 2, axis=1)
+        return np.asarray(growth < LARGEST_TURN * MOST_INTERVALS)
+
+    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m."""
+        Z, rate = self.Z, self.rates.max(axis=0)
+        growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
+        each = max(TURN, growth[-1] / MOST_INTERVALS)
+        nodes = [0.0]
+        for start, end in pairwise(np.searchsorted(Z, self.jumps).tolist()):
+            count = max(1, math.ceil((growth[end] - growth[start]) / each))
+            levels = np.linspace(growth[start], growth[end], count + 1)[1:-1]
+            nodes += [*np.interp(levels, growth[start : end + 1], Z[start : end + 1]), Z[end]]
+        units = np.interp(nodes, Z, rate) * stiffness(self.trunk, np.asarray(nodes))[:, 1]
+        return np.asarray(nodes), units

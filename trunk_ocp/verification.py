@@ -7,12 +7,12 @@ targets, bounds - is recomputed from that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .activation import intrinsic_strain, mean_extension, stiffness, strains
+from .activation import mean_extension, stiffness, strains
 from .anatomy import Trunk
 from .independent_rod import Trajectory, integrate
 from .loads import Loads, internal_force
@@ -27,6 +27,11 @@ LARGEST_FORCE_DIFFERENCE = 1e-3  # of the largest force that pulls, between plan
 LARGEST_MOMENT_DIFFERENCE = 1e-3  # of the largest moment along the trunk; at the free tip as well
 PLAUSIBLE_STRETCH = (0.5, 2.0)
 """Of zeta / zeta_hat; at either end the linear law (15) is off by a factor of two from rubber's."""
+MOST_TOGETHER = 32  # time steps that are checked together, if they have few targets
+MOST_POINTS = 1000  # of targets of steps that are checked together, for memory
+MOST_LOST = 32  # steps without an equilibrium nearby; for later ones none is looked for
+LOST = 100 * LARGEST_TURN  # of a director; an equilibrium that far is not nearby
+MOST_SLOPES = 1000  # of a segment of a rod that is no equilibrium; the shipped motions take 100
 SLACK = 1e-6  # by which a bound may be exceeded; Ipopt relaxes bounds by 1e-8 of their size
 
 
@@ -36,6 +41,10 @@ class Verification:
 
     Attributes
     ----------
+    trajectory : Trajectory
+        As integrated, at points that are the same for every step.
+    targets : tuple of Trajectory
+        As integrated, of each step at its own targets and held points.
     length : float
         Of the trunk, in m.
     position_difference : (H,)
@@ -53,10 +62,11 @@ class Verification:
         directions as integrated, as a fraction of its size.
     bounds, extension, change : (H,)
         Largest excess over the bounds on activations (no unit) and head angles (rad), on
-        zeta_hat anywhere along the trunk, and on the change from the step before.
+        zeta_hat of any segment, and on the change from the step before.
     """
 
     trajectory: Trajectory
+    targets: tuple[Trajectory, ...]
     length: float
     position_difference: np.ndarray
     turn: np.ndarray
@@ -67,6 +77,12 @@ class Verification:
     bounds: np.ndarray
     extension: np.ndarray
     change: np.ndarray
+
+    def at(self, step: int, Z: float) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,) in m and directors (3, 3) of a step (from 0) at one of its own points."""
+        path = self.targets[step]
+        i = int(np.searchsorted(path.Z, Z))
+        return path.position[0, i], path.directors[0, i]
 
     @property
     def too_coarse(self) -> bool:
@@ -148,55 +164,151 @@ def verify(
 
     `near` has the auxiliary solutions that steps of a sequential plan are bound to.
     """
-    steps = motion.steps[: len(x)]
-    L = motion.trunk.length
-    own = [target.Z for step in steps for target in step.targets]
-    own += [held.Z for held in motion.held]
-    Z = np.unique(np.concatenate([np.linspace(0, L, 101), own]))
-    path, end_moment = _independent(motion.trunk, x, loads, shape, Z)
-    zeta, _ = intrinsic_strain(motion.trunk, x[:, :-2], Z)
-    low, high = motion.extension
-    # Moments below a millionth of what bends the trunk to its own length are round-off.
-    floor = 1e-6 * stiffness(motion.trunk, 0.0)[1] / L
-    largest = np.maximum(np.linalg.norm(path.moment, axis=2).max(axis=1), floor)
-    before = np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
+    steps, before = motion.steps[: len(x)], np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
     bounds, change = np.zeros(len(x)), np.zeros(len(x))
     for t, step in enumerate(steps):
         box = allowed(motion, step, near.get(t))
         bounds[t] = _excess(x[t], box.lower, box.upper)
-        if t not in near:
+        if not (t in near and step.follows):
             change[t] = _excess(x[t] - before[t], step.change.lower, step.change.upper)
+    zeta = strains(motion.trunk, x[:, :-2])[..., 0]  # the same all along a segment
+    low, high = motion.extension
+    rods = _checked_rods(motion, x, loads, shape)
     return Verification(
-        path,
-        L,
-        np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
-        np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2)),
-        _stretch(motion.trunk, x, loads, path),
-        np.linalg.norm(path.moment - shape.moment(Z), axis=2).max(axis=1) / largest,
-        np.linalg.norm(end_moment, axis=1) / largest,
-        _force_difference(motion, loads, path),
+        rods.path,
+        rods.own,
+        motion.trunk.length,
+        rods.position_difference,
+        rods.turn,
+        rods.stretch,
+        rods.moment_difference,
+        rods.end_moment,
+        _force_difference(motion, loads, rods.own),
         bounds,
         np.maximum(low - zeta, zeta - high).max(axis=1).clip(0),
         change,
     )
 
 
-def _independent(
-    trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape, Z: np.ndarray
-) -> tuple[Trajectory, np.ndarray]:
-    """Equilibria next to the planned shapes, and the moments (H, 3) in N m at planned tips.
+@dataclass(frozen=True)
+class _Rods:
+    """What is found of the rods of some steps; see `Verification`."""
 
-    Where there is none, what follows from the planned moment at the base, and its end moment.
+    path: Trajectory
+    own: tuple[Trajectory, ...]
+    position_difference: np.ndarray
+    turn: np.ndarray
+    stretch: np.ndarray
+    moment_difference: np.ndarray
+    end_moment: np.ndarray
+    lost: np.ndarray
+    """(n,) bool, where no equilibrium is nearby."""
+
+
+def _checked_rods(motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> _Rods:
+    """Check the rods of all steps, some at a time; see `MOST_LOST`."""
+    asked, parts, lost = _asked(motion, len(x)), [], 0
+    for some in _groups(asked):
+        own = asked[some]
+        with deferred_interrupts():  # at whose end Ctrl-C is heeded
+            part = _check(motion.trunk, x[some], loads[some], shape[some], own, lost < MOST_LOST)
+        lost += int(np.count_nonzero(part.lost))
+        parts.append(part)
+    paths = [part.path for part in parts]
+    whole = [np.concatenate(rows) for rows in zip(*map(_values, paths), strict=True)]
+    numbers = [
+        np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Rods)[2:]
+    ]
+    every = tuple(path for part in parts for path in part.own)
+    return _Rods(Trajectory(paths[0].Z, *whole), every, *numbers)
+
+
+def _asked(motion: Motion, count: int) -> list[np.ndarray]:
+    """Points in m at which each of a motion's first steps has a target or is held."""
+    asked = [{target.Z for target in step.targets} for step in motion.steps[:count]]
+    for held in motion.held:
+        if held.step < count:
+            asked[held.step].add(held.Z)
+    return [np.array(sorted(points)) for points in asked]
+
+
+def _groups(asked: list[np.ndarray]) -> Iterator[slice]:
+    """Steps that are checked together; at least one group, if an empty one."""
+    first, points = 0, 0
+    for t, own in enumerate(asked):
+        if t > first and (t - first == MOST_TOGETHER or points + own.size > MOST_POINTS):
+            yield slice(first, t)
+            first, points = t, 0
+        points += own.size
+    yield slice(first, len(asked))
+
+
+def _check(
+    trunk: Trunk,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    shape: Shape,
+    asked: list[np.ndarray],
+    search: bool,
+) -> _Rods:
+    """Check the rods of some steps; `search`: whether to look for equilibria."""
+    L, mesh = trunk.length, shape.mesh
+    contact = {load.contact_from for load in loads} - {None}
+    same = np.unique([*np.linspace(0, L, 101), *trunk.edges, *mesh.edges])
+    middles = np.asarray(mesh.edges[:-1]) + mesh.widths / 2
+    Z = np.unique(np.concatenate([same, middles, mesh.points.ravel(), [*contact], *asked]))
+    path, end_moment, lost = _independent(trunk, x, loads, shape, Z, search)
+    # Moments below a millionth of what bends the trunk to its own length are round-off.
+    floor = 1e-6 * stiffness(trunk, 0.0)[1] / L
+    turn = np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2))
+    largest = np.maximum(np.linalg.norm(path.moment, axis=2).max(axis=1), floor)
+    at_same = np.isin(Z, same)
+    return _Rods(
+        Trajectory(same, *(values[:, at_same] for values in _values(path))),
+        tuple(
+            Trajectory(own, *(values[t : t + 1, np.isin(Z, own)] for values in _values(path)))
+            for t, own in enumerate(asked)
+        ),
+        np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
+        turn,
+        _stretch(trunk, x, loads, path),
+        np.linalg.norm(path.moment - shape.moment(Z), axis=2).max(axis=1) / largest,
+        np.linalg.norm(end_moment, axis=1) / largest,
+        lost | ~(turn <= LOST),
+    )
+
+
+def _values(path: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return path.position, path.directors, path.moment
+
+
+def _independent(
+    trunk: Trunk,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    shape: Shape,
+    Z: np.ndarray,
+    search: bool,
+) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """Equilibria next to the planned shapes, moments (H, 3) in N m at planned tips, and the lost.
+
+    Where there is none, or none is looked for, what follows from the planned moment at the base,
+    and its end moment.
     """
-    path = equilibria(trunk, x, loads, shape, Z)
+    if search:
+        path = equilibria(trunk, x, loads, shape, Z)
+    else:
+        parts = ((3,), (3, 3), (3,))
+        path = Trajectory(Z, *(np.full((len(x), Z.size, *part), np.nan) for part in parts))
     end_moment = shape.moment(np.array([trunk.length]))[:, 0]
-    lost = np.flatnonzero(~np.isfinite(path.moment).all(axis=(1, 2)))
-    if lost.size:
+    lost = ~np.isfinite(path.moment).all(axis=(1, 2))
+    if np.any(lost):
         moment = shape.moment(np.array([0.0]))[lost, 0]
-        marched = integrate(trunk, x[lost], [loads[t] for t in lost.tolist()], moment, Z)
+        own = [load for load, is_lost in zip(loads, lost, strict=True) if is_lost]
+        marched = integrate(trunk, x[lost], own, moment, Z, MOST_SLOPES)
         path.position[lost], path.directors[lost] = marched.position, marched.directors
         path.moment[lost], end_moment[lost] = marched.moment, marched.moment[:, -1]
-    return path, end_moment
+    return path, end_moment, lost
 
 
 def _stretch(trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], path: Trajectory) -> np.ndarray:
@@ -208,15 +320,17 @@ def _stretch(trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], path: Trajecto
     return np.stack([stretch.min(axis=1), stretch.max(axis=1)], axis=1)
 
 
-def _force_difference(motion: Motion, loads: Sequence[Loads], path: Trajectory) -> np.ndarray:
+def _force_difference(
+    motion: Motion, loads: Sequence[Loads], own: Sequence[Trajectory]
+) -> np.ndarray:
     """Distance of each tip force from what its step asks for, relative to the larger."""
     difference = np.zeros(len(loads))
     for t, (load, step) in enumerate(zip(loads, motion.steps, strict=False)):
         asked = np.array(step.loads.tip_force)
         if step.pull is not None:
             strength, held = step.pull
-            at = int(np.searchsorted(path.Z, held.Z))
-            asked = asked + strength * path.directors[held.step, at, held.director]
+            at = int(np.searchsorted(own[held.step].Z, held.Z))
+            asked = asked + strength * own[held.step].directors[0, at, held.director]
         size = max(float(np.linalg.norm(asked)), float(np.linalg.norm(load.tip_force)))
         if size > 0:
             difference[t] = np.linalg.norm(asked - np.array(load.tip_force)) / size

@@ -77,17 +77,16 @@ def _size(motion: Motion, wrap: WrapSpec) -> tuple[float, float]:
 
 def marks(plan: Plan, step: int) -> list[Mark]:
     """Targets of a time step (from 0) that have a weight, and what was reached."""
-    path = plan.verification.trajectory
+    at = plan.verification.at
     found = []
     for target in plan.motion.steps[step].targets:
         directions = []
         for _, wanted, _ in target.pairs():
             if isinstance(wanted, Held):
-                held = int(np.searchsorted(path.Z, wanted.Z))
-                directions.append(path.directors[wanted.step, held, wanted.director])
+                directions.append(at(wanted.step, wanted.Z)[1][wanted.director])
             else:
                 directions.append(np.asarray(wanted))
-        reached = path.position[step, int(np.searchsorted(path.Z, target.Z))]
+        reached, _ = at(step, target.Z)
         if target.position is not None and target.position_weight > 0:
             found.append(Mark(np.asarray(target.position), reached, tuple(directions)))
         elif directions:

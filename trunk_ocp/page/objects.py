@@ -130,16 +130,14 @@ def _holding(
 
 def arrows(plan: Plan) -> list[dict[str, Any]]:
     """Directions that points of the trunk should have: where, which way, from when to when in s."""
-    path = plan.verification.trajectory
     found: list[dict[str, Any]] = []
     for number, step in enumerate(plan.motion.steps[: len(plan.x)]):
         for goal in step.targets:
-            at = path.position[number, int(np.searchsorted(path.Z, goal.Z))]
+            at, _ = plan.verification.at(number, goal.Z)
             placed = goal.position is not None and goal.position_weight > 0
             for _, wanted, _ in goal.pairs():
                 if isinstance(wanted, Held):
-                    place = int(np.searchsorted(path.Z, wanted.Z))
-                    way = path.directors[wanted.step, place, wanted.director]
+                    way = plan.verification.at(wanted.step, wanted.Z)[1][wanted.director]
                 else:
                     way = np.asarray(wanted)
                 found.append(
