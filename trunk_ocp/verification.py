@@ -210,8 +210,7 @@ def _checked_rods(motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: 
     asked, parts, lost = _asked(motion, len(x)), [], 0
     for some in _groups(asked):
         own = asked[some]
-        with deferred_interrupts():  # at whose end Ctrl-C is heeded
-            part = _check(motion.trunk, x[some], loads[some], shape[some], own, lost < MOST_LOST)
+        part = _check(motion.trunk, x[some], loads[some], shape[some], own, lost < MOST_LOST)
         lost += int(np.count_nonzero(part.lost))
         parts.append(part)
     paths = [part.path for part in parts]
