@@ -290,7 +290,7 @@ def test_patterns_are_as_many_as_are_matched_in_no_time(tmp_path, monkeypatch):
     rows += [f'"{pattern}" = [-1.0, 0.0]' for pattern in ("R*", "L*", "*dl")]
     text = TOUCH + "[phases.bounds.muscles]\n" + "\n".join(rows)
     assert len(load_motion(written(tmp_path, text)).steps) == 1
-    with pytest.raises(InputError, match="4 different patterns .* 28 muscles; expected at most 3"):
+    with pytest.raises(InputError, match=r"4 different patterns .* 28 muscles; expected at most 3"):
         load_motion(written(tmp_path, text + '\n"*vr" = [-1.0, 0.0]'))
 
 
@@ -298,7 +298,8 @@ def test_whatever_holds_arrays_can_be_compared_and_counted():
     """By identity: equality of arrays is no yes or no."""
     motion = shipped("lift-log")
     same = load_motion("lift-log")
-    assert motion == motion and motion != same
+    assert motion in [same, motion]
+    assert motion != same
     assert len({motion, same, *motion.steps}) == 2 + len(motion.steps)
     assert motion.trunk == same.trunk
     assert motion.steps[0].loads == same.steps[0].loads
@@ -311,8 +312,9 @@ def test_no_class_compares_arrays():
         if "templates" in module.name or module.name.endswith("__main__"):
             continue
         for kind in vars(import_module(module.name)).values():
-            if isinstance(kind, type) and is_dataclass(kind):
-                if any("ndarray" in str(field.type) for field in fields(kind)):
-                    assert kind.__eq__ is object.__eq__, kind
-                    checked += 1
+            if not (isinstance(kind, type) and is_dataclass(kind)):
+                continue
+            if any("ndarray" in str(field.type) for field in fields(kind)):
+                assert kind.__eq__ is object.__eq__, kind
+                checked += 1
     assert checked > 30
