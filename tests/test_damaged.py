@@ -258,11 +258,11 @@ def peak(work):
 @pytest.mark.parametrize(
     "edit",
     [
-        lambda spec: spec.update({f"k{i}": 0 for i in range(70_000)}),
+        lambda spec: spec.update({f"k{i}": 0 for i in range(50_000)}),
         lambda spec: spec.update({f"k{i}": 0 for i in range(150_000)}),
-        lambda spec: spec.update(phases=[{}] * 40_000),
+        lambda spec: spec.update(phases=[{}] * 15_000),
         lambda spec: spec.update(phases=[{}] * 600_000),
-        lambda spec: spec["phases"][0].update(targets=[1] * 90_000),
+        lambda spec: spec["phases"][0].update(targets=[1] * 40_000),
     ],
 )
 def test_a_problem_of_nothing_but_faults_is_refused_in_little_memory(tmp_path, edit):
@@ -320,10 +320,13 @@ def test_failures_too_long_to_be_read_are_kept_without_their_histories(tmp_path,
     """So that the run can be resumed at all."""
     motion = load_motion(written(tmp_path, TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.1, 1.2]")))
     options = Options(max_iterations=1)
-    monkeypatch.setattr("trunk_ocp.records.MOST_NESTED", 60)
+    monkeypatch.setattr("trunk_ocp.checkpoint.fits", lambda text: '"history": [[' not in text)
     made = plan_motion(
         motion, 1, options, checkpoint=Checkpoint(tmp_path / "resume.npz"), throw=False
     )
+    with np.load(tmp_path / "resume.npz") as data:
+        failed = json.loads(data["progress"].tobytes())["stages"][0]["failed"]
+    assert [solve["history"] for solve in failed] == [[]]
     again = Checkpoint(tmp_path / "resume.npz", resume=True)
     plan = plan_motion(motion, 1, options, checkpoint=again, throw=False)
     assert plan.status is made.status

@@ -298,7 +298,7 @@ def test_whatever_holds_arrays_can_be_compared_and_counted():
     """By identity: equality of arrays is no yes or no."""
     motion = shipped("lift-log")
     same = load_motion("lift-log")
-    assert motion == motion
+    assert motion in [same, motion]
     assert motion != same
     assert len({motion, same, *motion.steps}) == 2 + len(motion.steps)
     assert motion.trunk == same.trunk

@@ -22,7 +22,7 @@ from .collocation import Mesh
 from .errors import InputError
 from .motion import Motion
 from .planner import REFINEMENTS, Options, State, first_mesh
-from .reading import LONGEST_JSON, printable, read_bytes
+from .reading import LONGEST_JSON, MOST_PARTS, parts_of, printable, read_bytes
 from .records import MOST_TEXT as MOST_RECORDS
 from .records import amount, check_near, count, entries, flag, json_of, number, solve_of, table
 from .rod import STATES
@@ -88,6 +88,8 @@ def read_unfinished(path: Path, motion: Motion, options: Options) -> Unfinished:
     content = read_bytes(path, _most(motion, options))
     with _reading(path):
         identity, progress, values = _members(content)
+        if parts_of(_text(identity)) > 2 * MOST_PARTS + 1000:  # problem, anatomy, and little else
+            raise InputError("its problem or anatomy is too large")
         depends, told = (table(json_of(_text(part))) for part in (identity, progress))
         return Unfinished(path, depends, told, values)
 

@@ -115,6 +115,7 @@ def read_toml(path: Path, model: type[Model]) -> Model:
             f"{sys.get_int_max_str_digits():,} digits."
         ) from None
     try:
+        check_json(text)
         found = model.model_validate_json(text)
         check_json(found.model_dump_json())  # a plan of it has to be saved
         return found
@@ -163,13 +164,18 @@ def read_bytes(path: Path, most: int) -> bytes:
         raise InputError(f"{path}: cannot be read ({reason}).") from None
 
 
+def parts_of(text: str) -> int:
+    """Commas and brackets of a JSON text: no fewer than it has values."""
+    return sum(map(text.count, ",[{"))
+
+
 def check_json(text: str) -> None:
     """Raise InputError unless a problem or an anatomy in JSON is as short as one may be."""
-    parts = sum(map(text.count, ",[{"))
+    parts = parts_of(text)
     if len(text) > LONGEST_JSON or parts > MOST_PARTS:
         raise InputError(
-            f"is too large, with {len(text):,} characters and {parts:,} parts once defaults are "
-            f"filled in; expected at most {LONGEST_JSON:,} and {MOST_PARTS:,}"
+            f"is too large, with {len(text):,} characters and {parts:,} parts in JSON; expected "
+            f"at most {LONGEST_JSON:,} and {MOST_PARTS:,}"
         )
 
 
