@@ -188,7 +188,9 @@ def test_an_unknown_name_suggests_the_closest_shipped_one():
         load_anatomy("asian-elefant")
 
 
-@pytest.mark.parametrize("bad", [0.0, np.zeros(27), np.zeros((28, 2)), np.full(28, np.nan)])
+@pytest.mark.parametrize(
+    "bad", [0.0, np.zeros(27), np.zeros((28, 2)), np.full(28, np.nan), "a", ["a"] * 28]
+)
 def test_an_activation_of_wrong_size_or_not_finite_is_refused(trunk, bad):
     with pytest.raises(InputError, match="activation"):
         check_activation(trunk, bad)

@@ -121,6 +121,26 @@ def test_the_deformed_trunk_keeps_the_initial_volume_at_every_step(name):
         assert solid(vertices, body.triangles).volume == pytest.approx(initial, rel=0.01)
 
 
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_a_motion_has_as_many_keyframes_at_every_size(size):
+    """Positions are those of a motion times `size`, as the trunk's length."""
+    plan, Z = plan_of("pick-fruit"), np.linspace(0.0, 1.75, 9)
+    ends = [(t, plan.sample(t).shape.position(Z)) for t in (0.0, 1.5)]
+
+    class Scaled:
+        motion = SimpleNamespace(trunk=SimpleNamespace(length=1.75 * size))
+
+        def sample(self, t):
+            real = plan.sample(t)
+            place = SimpleNamespace(position=lambda Z: size * real.shape.position(Z))
+            return SimpleNamespace(activation=real.activation, shape=place)
+
+    a, b = ((t, size * position) for t, position in ends)
+    wanted = [t for t, _, _ in keyframes._between(plan, Z, *ends, 5)]
+    assert wanted
+    assert [t for t, _, _ in keyframes._between(Scaled(), Z, a, b, 5)] == wanted
+
+
 # glTF
 
 

@@ -158,3 +158,9 @@ def test_a_sampled_shape_is_an_equilibrium_from_the_right_base(name, t):
 def test_samples_outside_the_plan_are_refused(t):
     with pytest.raises(InputError, match="expected a time from 0 to"):
         planned("lift-log", "sequential").sample(t)
+
+
+@pytest.mark.parametrize("t", ["1.0", b"1", None, [1.0], np.array([1.0, 2.0]), 1j, object()])
+def test_a_time_that_is_no_number_is_refused(t):
+    with pytest.raises(InputError, match=r"t = .*: expected one number, a time in s"):
+        planned("pick-fruit", "sequential").sample(t)

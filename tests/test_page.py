@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from plans import POINT, TOUCH, planned, soft_rod, written
 
+from trunk_ocp.colours import MASS
 from trunk_ocp.errors import InputError
 from trunk_ocp.geometry import muscle_body
 from trunk_ocp.motion import build_motion, load_motion
@@ -46,6 +47,7 @@ muscles = [
 sector = [0.2, 1.5], sides = ["R"] },
 ]
 """
+FAR = "tolerance = { position = 1.0 }\n[bounds]"
 EVIL = "</script><script>window.evil = 1</script><img src=x onerror='window.evil = 2'>&amp;{{data}}"
 
 
@@ -331,6 +333,48 @@ def test_the_page_shows_both_sides_of_a_jump_and_nothing_in_between(visit, pages
     assert tip_and_fruit(tab)[0] == pytest.approx(before, abs=1e-4)
 
 
+DROP = """
+[[phases]]
+name = "hold"
+duration = 0.5
+loads.tip_mass = 5.0
+targets = [{ Z = 1.75, position = [0.6, 0.1, 1.2] }]
+
+[[phases]]
+name = "drop"
+duration = 0.5
+targets = [{ Z = 1.75, position = [0.6, 0.1, 1.2] }]
+"""
+
+
+def test_a_mass_that_is_let_go_is_gone_and_the_later_side_says_so(visit, tmp_path):
+    plan = plan_motion(load_motion(written(tmp_path, TOUCH + DROP)), lookahead=1)
+    assert plan.jumps == (1.0, 1.5)
+    tab = visit(write_page([plan], tmp_path / "drop.html"))
+    seen = "trunkPage.stage.scenes[0].objects[0].visible"
+    for t, there, later in (
+        (0.5, True, False), (1.0, True, False), (1.001, True, True), (1.5, True, False),
+        (1.501, False, True), (1.8, False, False), (2.0, False, False), (1.2, True, False),
+    ):  # fmt: skip
+        tab.evaluate("t => trunkPage.seek(t)", t)
+        settled(tab)
+        assert tab.evaluate(seen) is there
+        assert ("just after" in tab.locator("#now").inner_text()) is later
+    tab.get_by_label("objects").uncheck()
+    settled(tab)
+    assert not tab.evaluate(seen)
+
+
+def test_no_label_of_a_chart_is_cut_off(visit, tmp_path):
+    text = TOUCH.replace("[-3.0, 0.0]", "[-0.019, 0.0]").replace("[bounds]", FAR)
+    plan = plan_motion(load_motion(written(tmp_path, text)), lookahead=1, throw=False)
+    tab = visit(write_page([plan], tmp_path / "small.html"))
+    every = "[...document.querySelectorAll('#plots svg text')]"
+    labels = tab.evaluate(f"{every}.map((label) => [label.textContent, label.getBBox().x])")
+    assert any(len(label) >= 6 for label, _ in labels)  # such as -0.005
+    assert all(x >= 0 for _, x in labels)
+
+
 def fruit_radius(plan):
     return payload([plan])["plans"][0]["objects"][0]["radius"]
 
@@ -481,6 +525,8 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     plan = planned("pick-fruit", "sequential")
     (fruit,) = payload([plan])["plans"][0]["objects"]
     assert fruit["mass"] == 8.0
+    assert fruit["color"] == MASS  # as in the figures
+    assert all(fruit["shown"])
     tip = plan.sample(instants(plan)[-1]).shape
     reach = np.array([1.75])
     expected = tip.position(reach) + fruit["radius"] * tip.directors(reach)[:, 2]

@@ -9,6 +9,7 @@ from plans import TOUCH, first_steps, planned, written
 from trunk_ocp.comparison import compare, measure
 from trunk_ocp.motion import Box, load_motion
 from trunk_ocp.planner import plan_motion
+from trunk_ocp.screen import step_table
 from trunk_ocp.solution import Status
 from trunk_ocp.statics import solve_statics
 
@@ -62,6 +63,12 @@ def test_errors_are_given_target_by_target(plan):
         assert errors.direction_weights.tolist() == [1, 1]
         mine = errors.position_weights @ errors.position + errors.direction.sum()
         assert errors.paper == pytest.approx(mine, rel=1e-14)
+
+
+def test_a_small_objective_is_not_shown_as_nothing(plan):
+    exact = replace(plan)
+    exact.__dict__["objective"] = replace(plan.objective, paper=4.2e-7)  # a cached property
+    assert "J = 4.2e-07," in str(step_table(exact).caption)
 
 
 def test_a_good_plan_is_solved(plan):

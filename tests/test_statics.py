@@ -155,6 +155,12 @@ def test_a_point_off_the_trunk_is_refused(trunk, Z, what):
         getattr(shape, what)([0.5, Z])
 
 
+@pytest.mark.parametrize("Z", ["a", ["a"], [[1.0]], [1.0, [2.0]], 1j])
+def test_a_point_that_is_no_number_is_refused(trunk, Z):
+    with pytest.raises(InputError, match="expected points of the trunk in m"):
+        solve_statics(trunk, REST).position(Z)
+
+
 @pytest.mark.parametrize("push", [-1e3, -5e3])
 def test_the_default_mesh_is_fine_enough_for_the_load(trunk, push):
     """A trunk pushed up buckles into a curl that a fixed mesh would get wrong unnoticed."""
