@@ -40,7 +40,7 @@ from .statics import Shape
 
 MOST_DENSE = 240  # unknowns of a matrix; beyond, elements are condensed one by one
 LARGEST = 1e12  # share of the stiffness that is looked for
-MARGIN = 1e-9  # to which a margin is then found
+MARGIN = 1e-11  # to which a margin is then found
 NEUTRAL = 1e-5  # share of the stiffness; on the meshes of plans the margin is off by up to 2e-6
 
 
