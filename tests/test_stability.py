@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -375,6 +376,31 @@ def test_every_planned_shape_of_the_shipped_motions_is_stable(name):
     result = stability(plan.shape, plan.activations, plan.loads)
     assert np.all(result.stable)
     assert result.margin.shape == (len(plan.x),)
+
+
+def test_long_meshes_are_judged_as_by_one_matrix(trunk, draw, monkeypatch):
+    activation, loads = draw(trunk, 8, seed=1), pressed(8, 3, 3000.0)
+    mesh = mesh_for(trunk, 1.4, elements=14)
+    shape = solve_statics(trunk, activation, loads=loads, mesh=mesh)
+    chained = stability(shape, activation, loads)
+    monkeypatch.setattr(sys.modules["trunk_ocp.stability"], "MOST_DENSE", 10**6)
+    whole = stability(shape, activation, loads)
+    assert 0 < np.count_nonzero(whole.index) < 8
+    np.testing.assert_allclose(chained.margin, whole.margin, rtol=1e-8, atol=1e-8)
+    np.testing.assert_array_equal(chained.index, whole.index)
+
+
+def test_on_long_meshes_a_column_buckles_under_eulers_load_and_infinite_loads_are_unstable(wire):
+    rod, mesh = wire(), mesh_for(wire(), elements=40)
+    assert margin(rod, thrust(0.5 * EULER), mesh) == pytest.approx(0.5, abs=2e-8)
+    assert margin(rod, thrust(0.0), mesh) == margin(rod, thrust(-5.0), mesh) == 1
+    load = thrust(25.1 * EULER)
+    shape = solve_statics(rod, NONE, loads=load, mesh=mesh)
+    assert stability(shape, NONE, load).index == 6
+    for moment in (np.nan, 1e300):
+        states = shape.states.copy()
+        states[3, 2, 5] = moment
+        assert not stability(dataclasses.replace(shape, states=states), NONE, load).stable
 
 
 def test_a_batch_is_its_shapes_one_by_one(trunk, many):

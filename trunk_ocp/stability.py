@@ -24,6 +24,7 @@ not flutter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -36,6 +37,9 @@ from .errors import InputError
 from .loads import Loads, internal_force
 from .statics import Shape
 
+MOST_DENSE = 240  # unknowns of a matrix; beyond, elements are condensed one by one
+LARGEST = 1e12  # share of the stiffness that is looked for
+MARGIN = 1e-11  # to which a margin is then found
 NEUTRAL = 1e-5  # share of the stiffness; on the meshes of plans the margin is off by up to 2e-6
 
 
@@ -68,7 +72,8 @@ def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Load
     y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials
     and Q a sum by the Gauss rule: the Gauss method's own variational form (Marsden & West, Acta
     Numerica 10, 2001, part 2), of the same order 2d. With gamma scaled by sqrt(B) the
-    margin is the least eigenvalue of one symmetric matrix.
+    margin is the least eigenvalue of one symmetric matrix. On long meshes, where that takes time
+    as the cube of the nodes, it is bisected for instead, which takes time as the nodes.
 
     Parameters
     ----------
@@ -93,8 +98,17 @@ def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Load
             f"activation and loads: expected leading axes that match those of the shape, {batch}, "
             f"got {activation.shape[:-1]} with {len(every)} loads."
         ) from None
-    values = _eigenvalues(_integral(shape.mesh), *_integrand(shape, every_activation, force))
-    return Stability(np.minimum(values[..., 0], 1.0), np.sum(values < -NEUTRAL, axis=-1))
+    integral = _integral(shape.mesh) if 3 * Z.size <= MOST_DENSE else None
+    margin, index = np.empty(batch), np.zeros(batch, dtype=int)
+    for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
+        with deferred_interrupts():  # at whose end Ctrl-C is heeded
+            parts = _integrand(shape[i], every_activation[i], force[i])
+            if integral is not None:
+                values = _eigenvalues(integral, *parts)
+                margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL)
+            else:
+                margin[i], index[i] = _Chain.of(shape.mesh, *parts).margin()
+    return Stability(np.minimum(margin, 1.0), index)
 
 
 def _integrand(
@@ -133,22 +147,101 @@ def _integrand(
 def _eigenvalues(
     integral: np.ndarray, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray
 ) -> np.ndarray:
-    """Eigenvalues (..., 3 n), rising, of Q in the unknowns s (n, 3); see `_integrand`.
+    """Eigenvalues (3 n,), rising, of Q in the unknowns s (n, 3); see `_integrand`.
 
     integral : (n, n), from y' to y.
     """
-    batch, size = rate.shape[:-3], 3 * len(integral)
-    values = np.empty((*batch, size))
-    for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        turn = np.einsum("kl,lai->kali", integral, rate[i])
-        load = by_turn[i] @ turn.reshape(-1, 3, size)
-        own = load.reshape(-1, 3, len(integral), 3)
-        points = np.arange(len(integral))
-        own[points, :, points] += by_rate[i] @ rate[i]
-        Q = turn.reshape(size, size).T @ load.reshape(size, size)
-        known = np.all(np.isfinite(Q))  # or else no equilibrium, which is not stable either
-        values[i] = np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2) if known else np.nan
-    return values
+    size, points = 3 * len(integral), np.arange(len(integral))
+    turn = np.einsum("kl,lai->kali", integral, rate)
+    load = by_turn @ turn.reshape(-1, 3, size)
+    own = load.reshape(-1, 3, len(integral), 3)
+    own[points, :, points] += by_rate @ rate
+    Q = turn.reshape(size, size).T @ load.reshape(size, size)
+    if not np.all(np.isfinite(Q)):  # no equilibrium, which is not stable either
+        return np.full(size, np.nan)
+    return np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Q of one shape, element by element: in the unknowns s (3 d) and the turn y at the left edge.
+
+    With P the least that all elements beyond make of the turn y_1 at the right edge, y_1 . P y_1,
+
+        Q - share |s|^2 = s . (own - share) s + 2 y . mixed s + y . edge y + y_1 . P y_1,
+
+    y_1 = y + over s. Its least over s is the P of the element before. By Haynsworth's rule on Schur
+    complements, Q has as many eigenvalues below the share as the matrices of s have below zero.
+
+    Attributes
+    ----------
+    own : (E, 3 d, 3 d)
+    mixed, over : (E, 3, 3 d)
+    edge : (E, 3, 3)
+    """
+
+    own: np.ndarray
+    mixed: np.ndarray
+    over: np.ndarray
+    edge: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> _Chain:
+        """The chain of an integrand (n, 3, 3) on a mesh; see `_integrand`."""
+        element, E, d = gauss(mesh.degree), mesh.elements, mesh.degree
+        each = (E, d, 3, 3)
+        rates = (mesh.widths[:, None, None, None] * rate.reshape(each)).swapaxes(1, 2)
+        turn = np.einsum("kj,eajb->ekajb", element.integral(element.nodes), rates)
+        over = element.integral(1.0)[:, None] * rates
+        A = (by_turn + by_turn.swapaxes(-1, -2)).reshape(each) / 2
+        load = np.einsum("ekac,ekcjb->ekajb", A, turn)
+        mixed = load.sum(axis=1)
+        half = (by_rate @ rate).reshape(each) / 2
+        mixed += half.swapaxes(1, 2)
+        points = np.arange(d)
+        load[:, points, :, points] += 2 * half.swapaxes(0, 1)
+        Q = turn.reshape(E, 3 * d, 3 * d).swapaxes(1, 2) @ load.reshape(E, 3 * d, 3 * d)
+        own = np.eye(3 * d) + (Q + Q.swapaxes(1, 2)) / 2
+        return cls(own, mixed.reshape(E, 3, -1), over.reshape(E, 3, -1), A.sum(axis=1))
+
+    def margin(self) -> tuple[float, int]:
+        """Least eigenvalue, 1 if it is more, and how many are below -NEUTRAL."""
+        low, high = 0.0, 1.0
+        if not all(np.all(np.isfinite(part)) for part in (self.own, self.mixed, self.edge)):
+            return math.nan, 0  # no equilibrium, which is not stable either
+        if not self.below(high - MARGIN, 1):
+            return 1.0, 0
+        while low > -LARGEST and self.below(low, 1):
+            low, high = 10 * low - 1, low
+        while high - low > MARGIN * max(1.0, -low):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.below(middle, 1) else (middle, high)
+        return low, self.below(-NEUTRAL) if low < -NEUTRAL else 0
+
+    def below(self, share: float, enough: float = math.inf) -> int:
+        """How many eigenvalues are below a share of the stiffness; or some, if `enough` are."""
+        count, P = 0, np.zeros((3, 3))
+        for own, mixed, over, edge in zip(
+            self.own[::-1], self.mixed[::-1], self.over[::-1], self.edge[::-1], strict=True
+        ):
+            push = P @ over
+            matrix = own + over.T @ push
+            matrix.flat[:: len(own) + 1] -= share
+            try:
+                np.linalg.cholesky(matrix)
+            except np.linalg.LinAlgError:
+                if not np.all(np.isfinite(matrix)):
+                    return count + 1  # beyond all measure
+                count += int(np.count_nonzero(np.linalg.eigvalsh(matrix) <= 0))
+                if count >= enough:
+                    return count
+            right = mixed + push
+            try:
+                P = edge + P - right @ np.linalg.solve(matrix, right.T)
+            except np.linalg.LinAlgError:
+                return max(count, 1)  # just at an eigenvalue
+            P = (P + P.T) / 2
+        return count
 
 
 def _integral(mesh: Mesh) -> np.ndarray:

@@ -56,7 +56,7 @@ class Shape:
         batch = self.states.shape[:-3]
         return f"<Shape of {self.trunk.name}: batch {batch}, {self.mesh.elements} elements>"
 
-    def __getitem__(self, index: int | slice | np.ndarray) -> Shape:
+    def __getitem__(self, index: int | slice | tuple[int, ...] | np.ndarray) -> Shape:
         """Some shapes of a batch, by its first axis."""
         return replace(
             self, states=self.states[index], edges=self.edges[index], slopes=self.slopes[index]
