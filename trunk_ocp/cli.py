@@ -84,30 +84,18 @@ def run_solve(
                 plans = [
                     plan.recorded(options=plan.options | {"command": command}) for plan in plans
                 ]
-                aside = set_aside(
-                    folder,
-                    [(plan_folder(plan), plan, activations_table(plan)) for plan in plans],
-                    problem,
-                )
+                tables = [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
+                aside = set_aside(folder, tables, problem)
                 sign(folder, problem, motion)
                 figures = _save(plans, folder)
-                if finished:
-                    for checkpoint in checkpoints.values():
-                        checkpoint.remove()
-            for plan in plans:
-                console.print(step_table(plan))
-                verdict(console, plan)
-                with optional(f"the {plan.mode} plan is saved, but not its diagnosis"):
-                    _tell(console, plan, folder / plan_folder(plan))
-            if figures:
-                console.print(comparison_table(figures))
+                for checkpoint in checkpoints.values() if finished else ():
+                    checkpoint.remove()
+            _show(plans, figures, folder, console)
             with _interrupted_drawing(console):
                 if not no_figures and not interrupts.came:
                     _draw(plans, folder, console)
                 if film and not interrupts.came:
-                    for plan in plans:
-                        with optional(f"could not make the film of the {plan.mode} plan"):
-                            _film(plan, folder / plan_folder(plan), console)
+                    _films(plans, folder, console)
             earlier = aside.settle()
         if earlier is not None:
             tell(console, f"What was made from earlier plans is now in {earlier}/")
@@ -154,6 +142,19 @@ def _save(plans: list[Plan], folder: Path) -> dict[str, dict[str, Any]]:
     if figures:
         write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
     return figures
+
+
+def _show(
+    plans: list[Plan], figures: dict[str, dict[str, Any]], folder: Path, console: Console
+) -> None:
+    """Print what came of each plan, and of two of them side by side."""
+    for plan in plans:
+        console.print(step_table(plan))
+        verdict(console, plan)
+        with optional(f"the {plan.mode} plan is saved, but not its diagnosis"):
+            _tell(console, plan, folder / plan_folder(plan))
+    if figures:
+        console.print(comparison_table(figures))
 
 
 def plan_folder(plan: Plan) -> str:
@@ -231,6 +232,12 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
         warn(f"{sentence} The plans are saved.")
     if drawn.page is not None:
         tell(console, f"Turn it in a browser: {drawn.page}")
+
+
+def _films(plans: list[Plan], folder: Path, console: Console) -> None:
+    for plan in plans:
+        with optional(f"could not make the film of the {plan.mode} plan"):
+            _film(plan, folder / plan_folder(plan), console)
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
