@@ -101,13 +101,12 @@ def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Load
     integral = _integral(shape.mesh) if 3 * Z.size <= MOST_DENSE else None
     margin, index = np.empty(batch), np.zeros(batch, dtype=int)
     for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        with deferred_interrupts():  # at whose end Ctrl-C is heeded
-            parts = _integrand(shape[i], every_activation[i], force[i])
-            if integral is not None:
-                values = _eigenvalues(integral, *parts)
-                margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL)
-            else:
-                margin[i], index[i] = _Chain.of(shape.mesh, *parts).margin()
+        parts = _integrand(shape[i], every_activation[i], force[i])
+        if integral is not None:
+            values = _eigenvalues(integral, *parts)
+            margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL)
+        else:
+            margin[i], index[i] = _Chain.of(shape.mesh, *parts).margin()
     return Stability(np.minimum(margin, 1.0), index)
 
 
