@@ -293,8 +293,8 @@ def test_pictures_of_a_phase_begin_after_the_jump_and_end_before_it():
     np.testing.assert_allclose(eat.shape.position(TIP)[0, 0], after, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows[2].tips[0], after, rtol=0, atol=1e-6)
     assert not any(instant.after for row in rows[:2] for instant in row.trunks)
-    assert any(s.colour == shapes.CARGO for s in shapes.layer(plan, rows[2], 0))
-    assert not any(s.colour == shapes.CARGO for s in shapes.layer(plan, rows[1], 3))
+    assert any(s.colour == shapes.MASS for s in shapes.layer(plan, rows[2], 0))
+    assert not any(s.colour == shapes.MASS for s in shapes.layer(plan, rows[1], 3))
 
 
 def test_film_and_muscles_show_both_sides():
@@ -314,7 +314,7 @@ def test_the_film_hangs_the_fruit_on_the_tip_from_the_jump_on(monkeypatch, after
     monkeypatch.setattr(film, "paint", lambda axes, view, surfaces, **_: held.append(surfaces))
     moments = instants.instants(plan, np.array([PICKED]))
     film.Stage(plan, moments).show(moments[after])
-    assert [any(s.colour == shapes.CARGO for s in drawn) for drawn in held] == [after, after]
+    assert [any(s.colour == shapes.MASS for s in drawn) for drawn in held] == [after, after]
 
 
 def test_key_frames_have_both_sides_of_a_jump_a_millisecond_apart():

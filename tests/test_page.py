@@ -211,7 +211,7 @@ def test_groups_and_sides_are_shown_and_hidden(visit, pages):
 def test_colours_by_group_or_activation(visit, pages):
     tab = visit(pages["both"])
     by_activation = picture(tab)
-    tab.get_by_label("Colour of the muscles", exact=True).select_option("group")
+    tab.get_by_label("Color of the muscles", exact=True).select_option("group")
     assert picture(tab) != by_activation
     assert not tab.locator("#legend").is_visible()
     colors = tab.evaluate("[...trunkPage.look.colors]")

@@ -261,7 +261,7 @@ def test_what_is_beyond_physics_is_said_to_be(tmp_path, length):
     least = {0.3: 0.2, 2.0: 1.0}[length]
     assert nearest(plan) == pytest.approx(least, abs=5e-3)
     failures = [f for f in explain(plan).findings if f.level == "failure"]
-    assert any("would do" in f.what and "activations to -3.5" in f.what for f in failures)
+    assert any("bounds suffice" in f.what and "activations to -3.5" in f.what for f in failures)
     assert any(f"{1e3 * nearest(plan):.4g} mm" in d for f in failures for d in f.details)
 
 

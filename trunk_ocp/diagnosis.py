@@ -226,7 +226,7 @@ def _cause(plan: Plan) -> str:
     if _pointed(trunk):
         tip = float(trunk.radius(trunk.length))
         return (
-            f"The trunk ends nearly in a point, of radius {tip:.2g} m, that bends without limit: "
+            f"The trunk ends nearly in a point, of radius {tip:.2g} m, which bends without limit: "
             "make taper_deg smaller in its anatomy."
         )
     return "Loads or stiffness are out of all proportion: check forces in N, moduli in Pa."
