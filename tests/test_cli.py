@@ -53,7 +53,7 @@ def test_a_solved_motion_exits_0_and_leaves_its_files(tmp_path):
 def test_results_are_in_a_folder_named_by_the_mode(tmp_path, text, mode):
     result = run(written(tmp_path, text), "--out", tmp_path / "out", "--mode", mode)
     assert result.exit_code == 0, result.output
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [mode]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {mode, "source.json"}
     assert summary(tmp_path / "out" / mode)["mode"] == mode
 
 

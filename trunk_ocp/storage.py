@@ -7,10 +7,12 @@ the plan: problem and anatomy are inside.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import math
+import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -131,8 +133,10 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
 
 def _content(path: Path) -> bytes:
     """Content of a solution.nc; InputError, with where plans are if it is a folder of folders."""
-    if not path.exists():
-        plans = sorted(str(found.parent) for found in path.parent.glob(f"*/{SOLUTION}"))
+    if not os.path.exists(path):  # of any name, unlike Path.exists
+        plans: list[str] = []
+        with contextlib.suppress(OSError, ValueError):
+            plans = sorted(str(found.parent) for found in path.parent.glob(f"*/{SOLUTION}"))
         if plans:
             more = f" or {len(plans) - MOST_PLANS} more" if len(plans) > MOST_PLANS else ""
             raise InputError(
