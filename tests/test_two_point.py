@@ -13,6 +13,7 @@ from trunk_ocp.anatomy import build_trunk
 from trunk_ocp.block_gaps import close_gaps
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.diagnosis import explain
+from trunk_ocp.exports.keyframes import with_between
 from trunk_ocp.independent_rod import Rods
 from trunk_ocp.loads import Loads
 from trunk_ocp.motion import Auxiliary, Box, build_motion, load_motion
@@ -338,6 +339,26 @@ def test_each_step_is_known_at_its_own_targets_alone():
         away = np.linalg.norm(position - steps[t].targets[0].position)
         own = many.errors[t]
         assert own.position[list(own.position_Z).index(Z[t, i])] == pytest.approx(away)
+
+
+# --- between steps ----------------------------------------------------------------------
+
+
+def test_samples_are_resolved_where_the_mesh_of_the_plan_is_too_coarse():
+    plan = plan_of(thin_tipped_spec(), LOAD, 1)
+    sample = plan.sample(0.5)
+    assert sample.shape.defect < 1e-5
+    judge = Judge(plan.motion.trunk, sample.activation, sample.head, sample.loads)
+    assert judge.error(sample.shape) < 1e-6
+    coarse = sample.shape.on(plan.mesh)
+    edges = sample.shape.position(np.asarray(plan.mesh.edges))
+    np.testing.assert_allclose(coarse.edges, edges, atol=1e-12)
+    np.testing.assert_allclose(coarse.position([0.5])[0], edges[-1], atol=2e-4)
+    Z = plan.mesh.points.ravel()
+    np.testing.assert_allclose(coarse.state(Z), sample.shape.state(Z), atol=1e-12)
+    moments = with_between(plan)
+    assert moments.shape.mesh == plan.mesh
+    assert len(moments.times) == len(moments.shape.states) >= 2
 
 
 # --- bounds -----------------------------------------------------------------------------
