@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plans import thin_tipped
 
-from trunk_ocp import statics
+from trunk_ocp import refining, statics
 from trunk_ocp.codegen.model import build_model
 from trunk_ocp.collocation import Mesh, mesh_for
 from trunk_ocp.errors import InputError, StaticsError
@@ -22,6 +22,18 @@ from trust.equilibria import Judge
 from trust.validation.rods import EVERYTHING, heads
 
 REST = np.zeros(28)
+
+
+def test_a_search_that_ends_at_its_limit_of_work_denies_no_equilibrium(monkeypatch):
+    arm = thin_tipped(0.03928)  # from 20 mm to 0.36 mm
+    activation, load = np.full(2, -0.1), Loads(0.0, (0.005, 0.0, 0.0))
+    monkeypatch.setattr(refining, "MOST_WORK", 20)
+    with pytest.raises(
+        StaticsError, match="the search reached its limit of work, so there may be one"
+    ) as caught:
+        solve_statics(arm, activation, loads=load)
+    assert 0 <= caught.value.load_fraction < 1
+    solve_statics(arm, activation, loads=load.scaled(0.25))
 
 
 def test_the_free_tip_carries_no_moment(trunk, draw):

@@ -7,19 +7,23 @@ import numpy as np
 import pytest
 from plans import soft_rod, thin_tipped, thin_tipped_spec, written
 
+from trunk_ocp import verification
+from trunk_ocp.activation import strains
 from trunk_ocp.anatomy import build_trunk
 from trunk_ocp.block_gaps import close_gaps
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.diagnosis import explain
+from trunk_ocp.exports.keyframes import with_between
+from trunk_ocp.independent_rod import Rods
 from trunk_ocp.loads import Loads
-from trunk_ocp.motion import build_motion, load_motion
+from trunk_ocp.motion import Auxiliary, Box, build_motion, load_motion
 from trunk_ocp.planner import plan_motion
 from trunk_ocp.problem_file import ProblemSpec
 from trunk_ocp.solution import Plan, Status
 from trunk_ocp.statics import shape_of_states, solve_statics
 from trunk_ocp.transcription import Weights
 from trunk_ocp.two_point import equilibria
-from trunk_ocp.verification import verify
+from trunk_ocp.verification import LARGEST_TURN, verify
 from trust.equilibria import Judge, judge_plans, judge_shapes
 
 LOAD = Loads(tip_force=(0.0, 0.0, 0.049))
@@ -244,3 +248,148 @@ def test_verify_takes_no_steps_and_many():
     plan = plan_of(thin_tipped_spec(), LOAD, 12)
     none = verify(plan.motion, plan.x[:0], (), plan.part(0, 0), {})
     assert none.faults == none.doubts == []
+
+
+# --- many steps -------------------------------------------------------------------------
+
+
+def repeated(plan, count, states=None):
+    """The plan's one step again and again, with states of their own if given."""
+    x, trunk = np.repeat(plan.x, count, axis=0), plan.motion.trunk
+    if states is None:
+        states = np.repeat(plan.shape.states, count, axis=0)
+    shape = shape_of_states(trunk, plan.mesh, x, plan.loads * count, states)
+    motion = replace(plan.motion, steps=plan.motion.steps * count)
+    forces = np.repeat(plan.tip_forces, count, axis=0)
+    return replace(plan, motion=motion, x=x, tip_forces=forces, shape=shape)
+
+
+def shaken(plan, count, seed=1):
+    """States of steps, no equilibria at all."""
+    states = np.repeat(plan.shape.states, count, axis=0)
+    return states * (1 + np.random.default_rng(seed).normal(size=states.shape))
+
+
+def slopes_of(plan, monkeypatch):
+    """How many slopes the check of a plan takes."""
+    taken = []
+    real = Rods.rates
+
+    def rates(self, Z, y):
+        taken.append(len(Z))
+        return real(self, Z, y)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Rods, "rates", rates)
+        assert plan.verification is not None
+    return len(taken)
+
+
+def test_a_wrong_step_is_no_fault_of_the_others(monkeypatch):
+    one = plan_of(thin_tipped_spec(), LOAD, 12)
+    right = repeated(one, 6)
+    states = right.shape.states.copy()
+    states[[1, 4]] = shaken(one, 2)
+    wrong = spoilt(right, states=states)
+    limit = 6 * slopes_of(right, monkeypatch)
+    assert slopes_of(wrong, monkeypatch) < limit
+    bad = ~(wrong.verification.position_difference <= wrong.verification.largest_difference)
+    np.testing.assert_array_equal(np.flatnonzero(bad), [1, 4])
+    assert right.status is Status.SOLVED
+    assert wrong.status is Status.UNVERIFIED
+
+
+def test_of_a_plan_that_is_wrong_all_along_not_every_step_is_solved(monkeypatch):
+    one = plan_of(thin_tipped_spec(), LOAD, 12)
+    solved = []
+
+    def counted(trunk, x, *others):
+        solved.append(len(x))
+        return equilibria(trunk, x, *others)
+
+    monkeypatch.setattr(verification, "equilibria", counted)
+    wrong = repeated(one, 66, shaken(one, 66))
+    assert wrong.status is Status.UNVERIFIED
+    assert sum(solved) == 32
+    assert np.all(~(wrong.verification.turn <= LARGEST_TURN))
+    solved.clear()
+    assert repeated(one, 66).verified
+    assert sum(solved) == 66
+
+
+def test_each_step_is_known_at_its_own_targets_alone():
+    plan = plan_of(thin_tipped_spec(), LOAD, 12)
+    (step,) = plan.motion.steps
+    rng = np.random.default_rng(4)
+    Z = rng.uniform(0.05, 0.5, (40, 30))
+    steps = tuple(
+        replace(step, targets=tuple(replace(step.targets[0], Z=z) for z in own))
+        for own in Z.tolist()
+    )
+    many = repeated(plan, 40)
+    many = replace(many, motion=replace(many.motion, steps=steps))
+    check = many.verification
+    assert [path.Z.size for path in check.targets] == [30] * 40
+    np.testing.assert_array_equal(check.trajectory.Z, plan.verification.trajectory.Z)
+    assert {0.0, 0.5} <= {*check.trajectory.Z}
+    for t, i in ((0, 0), (17, 3), (39, 29)):
+        position, directors = check.at(t, Z[t, i])
+        np.testing.assert_allclose(position, plan.shape.position(Z[t, i])[0, 0], atol=1e-6)
+        np.testing.assert_allclose(directors, plan.shape.directors(Z[t, i])[0, 0], atol=1e-5)
+        away = np.linalg.norm(position - steps[t].targets[0].position)
+        own = many.errors[t]
+        assert own.position[list(own.position_Z).index(Z[t, i])] == pytest.approx(away)
+
+
+# --- between steps ----------------------------------------------------------------------
+
+
+def test_samples_are_resolved_where_the_mesh_of_the_plan_is_too_coarse():
+    plan = plan_of(thin_tipped_spec(), LOAD, 1)
+    sample = plan.sample(0.5)
+    assert sample.shape.defect < 1e-5
+    judge = Judge(plan.motion.trunk, sample.activation, sample.head, sample.loads)
+    assert judge.error(sample.shape) < 1e-6
+    coarse = sample.shape.on(plan.mesh)
+    edges = sample.shape.position(np.asarray(plan.mesh.edges))
+    np.testing.assert_allclose(coarse.edges, edges, atol=1e-12)
+    np.testing.assert_allclose(coarse.position([0.5])[0], edges[-1], atol=2e-4)
+    Z = plan.mesh.points.ravel()
+    np.testing.assert_allclose(coarse.state(Z), sample.shape.state(Z), atol=1e-12)
+    moments = with_between(plan)
+    assert moments.shape.mesh == plan.mesh
+    assert len(moments.times) == len(moments.shape.states) >= 2
+
+
+# --- bounds -----------------------------------------------------------------------------
+
+
+def test_a_short_segment_is_held_to_the_bounds_on_extension():
+    spec = thin_tipped_spec(0.0, 0.5, 0.0)
+    (whole,) = spec.segments
+    parts = tuple(
+        whole.model_copy(update={"Z_over_length": edges, "muscles": muscles})
+        for edges, muscles in (
+            ((0.0, 0.501), ()),
+            ((0.501, 0.509), whole.muscles),
+            ((0.509, 1.0), ()),
+        )
+    )
+    spec = spec.model_copy(update={"segments": parts})
+    change = strains(build_trunk(spec), np.ones((1, 2)))[0, 1, 0] - 1
+    for zeta_hat, excess in ((1.9, 0.0), (3.0, 1.0)):  # no more than 2 is allowed
+        activation = np.full((1, 2), (zeta_hat - 1) / change)
+        check = plan_of(spec, Loads(0.0, (0.0, 0.0, 0.01)), 12, activation).verification
+        assert check.extension[0] == pytest.approx(excess, abs=1e-9)
+        assert any("an extension bound" in fault for fault in check.faults) == (excess > 0)
+
+
+def test_bounds_on_change_hold_unless_an_auxiliary_solution_binds():
+    plan = plan_of(thin_tipped_spec(), LOAD, 24)
+    (step,) = plan.motion.steps
+    little = np.full(4, 0.01)
+    for reach, free in ((math.inf, False), (0.5, True)):
+        own = replace(step, change=Box(-little, little), auxiliary=Auxiliary(reach, math.inf))
+        near = replace(plan, motion=replace(plan.motion, steps=(own,)), near={0: plan.x[0]})
+        faults = near.verification.faults
+        assert any("a bound on change" in fault for fault in faults) != free

@@ -25,6 +25,11 @@ LOST = (
     "no equilibrium found",
     "the trunk may bend too sharply, coil or buckle. Reduce the load or the activation.",
 )
+GIVEN_UP = (
+    "no equilibrium found",
+    "the search reached its limit of work, so there may be one. Start from a shape nearby, or "
+    "reduce the load or the activation.",
+)
 SQUEEZED = (
     "the loads compress part of the trunk to nothing",
     "a rod has no shape there. Reduce the load, or check youngs_modulus and radii.",
@@ -54,7 +59,8 @@ def followed(problem: _Problem, defect: float = math.inf) -> tuple[Mesh, np.ndar
     Raises
     ------
     StaticsError
-        If no equilibrium is found; names the share of the load that was reached.
+        If no equilibrium is found, or none with so much work; names the share of the load that
+        was reached.
     """
     load, states, reached, ahead = problem.loads[0], problem.unloaded(), 0.0, 0.25
     work = 0
@@ -65,8 +71,10 @@ def followed(problem: _Problem, defect: float = math.inf) -> tuple[Mesh, np.ndar
         if isinstance(found[0], Mesh):
             problem, states = replace(problem, mesh=found[0]), found[1]
             reached, ahead = target, 2 * ahead
-        elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP or work > MOST_WORK:
+        elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP:
             raise not_found(found, reached)
+        elif work > MOST_WORK:
+            raise not_found(GIVEN_UP if found == LOST else found, reached)
     return problem.mesh, states
 
 

@@ -18,7 +18,7 @@ from .loads import Loads
 from .motion import Motion
 from .solver import Solve, rank
 from .stability import Stability, stability
-from .statics import Shape, solve_statics
+from .statics import Shape, refined, solve_statics
 from .targets import Held
 from .transcription import Weights
 from .verification import Verification, verify
@@ -46,6 +46,8 @@ class Status(enum.Enum):
 
 MODES = ("sequential", "horizon", "receding")
 """Ways to plan."""
+
+ROUGH = 1e-4  # Shape.defect of a sample, beyond which its mesh is made finer
 
 FAILURES = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
@@ -301,7 +303,7 @@ class Plan:
         InputError
             If t is outside the plan.
         StaticsError
-            If the trunk has no equilibrium there.
+            If the trunk has no equilibrium there, or none that a mesh resolves.
         """
         t = planned_time(self.motion, len(self.x), t)
         values = np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
@@ -311,6 +313,8 @@ class Plan:
         times = self.motion.times[: len(self.x)]
         near = self.shape[int(np.argmin(np.abs(times - t)))] if len(times) else None
         shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
+        if shape.defect > ROUGH:  # the plan's mesh was only checked at its time steps
+            shape = refined(shape, activation, head, loads)
         return Sample(t, activation, head, loads, shape, after)
 
 

@@ -23,7 +23,7 @@ from .deferred_signals import deferred_interrupts
 from .errors import InputError, StaticsError
 from .head import base_pose
 from .loads import Loads
-from .refining import followed, resampled
+from .refining import followed, resampled, settled
 from .rod import STATES, point_parameters, rates
 from .rotations import directors
 from .unloaded import unloaded_states
@@ -101,6 +101,22 @@ class Shape:
     def extension(self) -> np.ndarray:
         """Loaded extension zeta, (..., elements, degree): dr/dZ . d_3 at the Gauss points."""
         return _extension(self.states[..., 1:, :4], self.slopes)
+
+    def on(self, mesh: Mesh) -> Shape:
+        """The same shapes on another mesh, with the same state and centerline at its points."""
+        starts = np.asarray(mesh.edges[:-1])[:, None]
+        points = np.hstack([starts, mesh.points])
+        element, tau = self._locate(mesh.points.ravel())
+        weights = gauss(self.mesh.degree).from_nodes(tau)
+        slopes = np.einsum("nd,...ndc->...nc", weights, self.slopes[..., element, :, :])
+        batch = self.states.shape[:-3]
+        return Shape(
+            self.trunk,
+            mesh,
+            self.state(points.ravel()).reshape(*batch, *points.shape, STATES),
+            self.position(np.asarray(mesh.edges)),
+            slopes.reshape(*batch, *mesh.points.shape, 3),
+        )
 
     def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
@@ -189,6 +205,21 @@ def solve_statics(
         if errors:
             break
     return _refined(problem, states, batch)
+
+
+def refined(shape: Shape, activation: np.ndarray, head: np.ndarray, loads: Loads) -> Shape:
+    """The equilibrium of one rod again, on a mesh that is halved until it resolves the shape.
+
+    Raises
+    ------
+    StaticsError
+        If no such mesh is found.
+    """
+    problem = _Problem(shape.trunk, shape.mesh, activation[None], head[None], [loads])
+    found = settled(problem, shape.states[None], DEFECT)
+    if not isinstance(found[0], Mesh):
+        raise StaticsError("; ".join(found), 1.0)
+    return replace(problem, mesh=found[0]).shape(found[1], ())
 
 
 def check_controls(

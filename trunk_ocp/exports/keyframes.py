@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..collocation import Mesh
 from ..errors import InputError, StaticsError
 from ..solution import Plan, Sample
 from ..statics import Shape
@@ -123,7 +124,7 @@ def _keyframes(
     steps = np.append(0.0, plan.motion.times[: len(plan.x)]).tolist()
     rest = plan.sample(0.0)
     times, activation, held = [0.0], [rest.activation], [False]
-    shapes = [_batch_of_one(rest.shape)]
+    shapes = [_batch_of_one(rest.shape, plan.mesh)]
     for i, (moments, hold) in enumerate(zip(between, _held(plan), strict=True)):
         after = jumped.get(steps[i])
         if after is not None:
@@ -133,7 +134,7 @@ def _keyframes(
         for time, gamma, shape in moments:
             times.append(time)
             activation.append(gamma)
-            shapes.append(_batch_of_one(shape))
+            shapes.append(_batch_of_one(shape, plan.mesh))
             held.append(False)
         times.append(steps[i + 1])
         activation.append(plan.activations[i])
@@ -148,7 +149,8 @@ def _keyframes(
     return Keyframes(np.array(times), np.array(activation), joined, np.array(held))
 
 
-def _batch_of_one(shape: Shape) -> Shape:
+def _batch_of_one(shape: Shape, mesh: Mesh) -> Shape:
+    shape = shape if shape.mesh == mesh else shape.on(mesh)
     return replace(
         shape, states=shape.states[None], edges=shape.edges[None], slopes=shape.slopes[None]
     )
