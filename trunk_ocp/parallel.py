@@ -24,6 +24,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from .deferred_signals import deferred_interrupts
 from .errors import TrunkError
 from .files import discard_unfinished
 from .ranges import check
@@ -140,7 +141,7 @@ def finished(
 
 def _submitted(pool: ProcessPoolExecutor, jobs: Sequence[Job[T]]) -> dict[Future[T], int] | None:
     """Futures of jobs and their numbers; None if there is no room for a process or a thread."""
-    with _main_left_alone(jobs), _interrupts_kept():
+    with deferred_interrupts(), _main_left_alone(jobs), _interrupts_kept():
         try:
             return {pool.submit(function, *given): n for n, (function, given) in enumerate(jobs)}
         except (OSError, RuntimeError):
