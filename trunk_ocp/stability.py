@@ -161,7 +161,7 @@ def _eigenvalues(
     return np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Chain:
     """Q of one shape, element by element: in the unknowns s (3 d) and the turn y at the left edge.
 

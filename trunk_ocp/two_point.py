@@ -278,7 +278,7 @@ class _TwoPoint:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Growth:
     """How much turns and errors grow along H rods.
 

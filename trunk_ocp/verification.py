@@ -190,7 +190,7 @@ def verify(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Rods:
     """What is found of the rods of some steps; see `Verification`."""
 
