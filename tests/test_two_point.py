@@ -14,7 +14,7 @@ from trunk_ocp.block_gaps import close_gaps
 from trunk_ocp.collocation import mesh_for
 from trunk_ocp.diagnosis import explain
 from trunk_ocp.exports.keyframes import with_between
-from trunk_ocp.independent_rod import Rods
+from trunk_ocp.independent_rod import Rods, dop853
 from trunk_ocp.loads import Loads
 from trunk_ocp.motion import Auxiliary, Box, build_motion, load_motion
 from trunk_ocp.planner import plan_motion
@@ -393,3 +393,11 @@ def test_bounds_on_change_hold_unless_an_auxiliary_solution_binds():
         near = replace(plan, motion=replace(plan.motion, steps=(own,)), near={0: plan.x[0]})
         faults = near.verification.faults
         assert any("a bound on change" in fault for fault in faults) != free
+
+
+@pytest.mark.parametrize("slope", [np.nan, np.inf, 1e300])
+def test_an_integration_that_begins_without_a_number_ends(slope):
+    def rates(at, y):
+        return np.full_like(y, slope) * y
+
+    assert dop853(rates, (0.0, 1.0), np.ones(3), np.array([1.0])) is None

@@ -194,6 +194,8 @@ def dop853(
     known: list[np.ndarray] = []
     with np.errstate(all="ignore"):  # a rod that diverges ends as NaN
         solver = DOP853(slope, ends[0], start, ends[1], rtol=tolerance, atol=tolerance)
+        if not np.isfinite(solver.h_abs):  # where scipy would try steps of NaN for good
+            return None
         while solver.status == "running" and solver.nfev <= most:
             solver.step()
             if watch is not None:
@@ -201,9 +203,8 @@ def dop853(
             reached = int(np.searchsorted(at, solver.t, side="right"))
             if reached > len(known):
                 between = solver.dense_output()
-                for i in range(
-                    len(known), reached
-                ):  # one by one, as all n of all would fill memory
+                # One by one, as all n values at all points would fill the memory.
+                for i in range(len(known), reached):
                     values = between(at[i])
                     known.append(values if pick is None else values[pick[i]])
     if solver.status != "finished" or not np.all(np.isfinite(solver.y)):
