@@ -1,7 +1,7 @@
 """Going on with a plan that was cut off: what was decided so far, on disk after every window.
 
 What the next window finds depends on the decided steps, the solution of the window before and the
-plan that a horizon starts from, and on nothing else. So a plan that is gone on with has the same
+plan that a horizon starts from, and on nothing else. So a plan that is resumed has the same
 bits as one that never stopped.
 """
 
@@ -29,13 +29,13 @@ from .records import fits
 from .solution import Plan
 
 FILE = "resume.npz"
-WORTH_LASTING = 1.0  # s of work that are worth the wait for a disk, lest a power cut take them
+WORTH_LASTING = 1.0  # s of work worth waiting for a disk, in case of a power cut
 SHOWN = 3  # changes told one by one
 LONGEST_KEY = 100  # characters
 
 
 class Checkpoint:
-    """A file that a plan is gone on with, if its process ends before it does.
+    """A file from which a plan is resumed if its process ends before it does.
 
     Written whole after every window by `plan_motion`; remove it when the plan is saved. At every
     moment the file is there, or its successor is beside it.

@@ -349,7 +349,7 @@ def _box(
 
 
 def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Box:
-    """Bounds on the change to step i of a phase; later entries prevail."""
+    """Bounds on the change to step i of a phase; later entries override."""
     upper = np.full(count + 2, np.inf)
     lower = -upper
     for spec in specs:

@@ -219,7 +219,7 @@ class LimitsSpec(Strict):
     muscles: Annotated[
         dict[str, Pair],
         Field(
-            description="by name or pattern (R1-dl, *3-dl, L*); later ones prevail",
+            description="by name or pattern (R1-dl, *3-dl, L*); later ones override",
             max_length=MOST_ENTRIES,
         ),
     ] = Field(default_factory=dict)

@@ -44,7 +44,7 @@ that statics finds, and every plan, is held against scipy's `solve_bvp` on equat
 nothing that is no equilibrium may be called one, and no plan that is one may fail the check.
 
 **Faults** ([trust/faults.py](../trust/faults.py)): runs are ended at random moments - `kill -9`,
-Ctrl-C, two of them, no room left for a file - one to three times, and gone on with by `--resume`.
+Ctrl-C, two of them, no room left for a file - one to three times, and resumed by `--resume`.
 The result is compared bit by bit with that of a run nothing stopped.
 
 **Interrupts** ([trust/interrupts.py](../trust/interrupts.py)): every command, and `plan_motion` in
