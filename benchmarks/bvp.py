@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from trunk_ocp.activation import mean_extension, strains
-from trunk_ocp.head import base_pose
-from trunk_ocp.rod import RATES, STATES, point_parameters, rates
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.activation import mean_extension, strains
+from trunk_ocp.model.head import base_pose
+from trunk_ocp.rod.equations import RATES, STATES, point_parameters, rates
+from trunk_ocp.rod.unloaded import unloaded_states
 
 from .common import (
     Cases,

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.activation import strains
-from trunk_ocp.collocation import Mesh, mesh_for
-from trunk_ocp.verification import integrate
+from trunk_ocp.model.activation import strains
+from trunk_ocp.planning.verification import integrate
+from trunk_ocp.rod.collocation import Mesh, mesh_for
 
 MOTIONS = ("lift-log", "lift-log-asymmetric", "pick-fruit")
 EXTENSION = (0.67, 1.35)

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.files import write
+from trunk_ocp._support.atomic_files import write
 
 PAGE = Path(__file__).parent.parent / "docs" / "exports.md"
 START, END = "<!-- speed: python -m benchmarks.exports -->\n", "<!-- end -->"

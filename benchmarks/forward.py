@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp import statics
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.rod import statics
+from trunk_ocp.rod.unloaded import unloaded_states
 
 from .common import (
     Cases,

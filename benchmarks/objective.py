@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.activation import strains
-from trunk_ocp.loads import Loads
-from trunk_ocp.targets import Held
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.problem.targets import Held
 
 PENALTY = 1e3
 FAILED = 2e3  # no shape, or none found

@@ -15,16 +15,16 @@ import casadi as ca
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.activation import segment_at, segment_fractions, strain_matrix, strains
-from trunk_ocp.collocation import gauss
-from trunk_ocp.head import base_pose
-from trunk_ocp.motion import Step
-from trunk_ocp.planner import Options, first_mesh
-from trunk_ocp.rod import STATES, point_parameters
-from trunk_ocp.rotations import directors
-from trunk_ocp.solver import IPOPT
-from trunk_ocp.targets import Held
-from trunk_ocp.terms import scaled_rates
+from trunk_ocp.model.activation import segment_at, segment_fractions, strain_matrix, strains
+from trunk_ocp.model.head import base_pose
+from trunk_ocp.model.quaternions import directors
+from trunk_ocp.nlp.ipopt import IPOPT
+from trunk_ocp.nlp.point_functions import scaled_rates
+from trunk_ocp.planning.planner import Options, first_mesh
+from trunk_ocp.problem.motion import Step
+from trunk_ocp.problem.targets import Held
+from trunk_ocp.rod.collocation import gauss
+from trunk_ocp.rod.equations import STATES, point_parameters
 
 from .common import run_part
 from .inverse import paper_objective, solver_figures

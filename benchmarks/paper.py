@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 import trunk_ocp as to
-from trunk_ocp.motion import allowed
+from trunk_ocp.problem.motion import allowed
 
 from .common import run_part
 from .objective import Objective

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.activation import mean_extension, segment_at, stiffness, strains
-from trunk_ocp.loads import mass_beyond
-from trunk_ocp.rotations import directors
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.activation import mean_extension, segment_at, stiffness, strains
+from trunk_ocp.model.loads import mass_beyond
+from trunk_ocp.model.quaternions import directors
+from trunk_ocp.rod.unloaded import unloaded_states
 
 from .common import cases, distance, fine_mesh, median, run_part, seconds
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.anatomy import AnatomySpec, read_anatomy
-from trunk_ocp.motion import build_motion, problems_folder
-from trunk_ocp.problem_file import ProblemSpec
+from trunk_ocp.model.anatomy import AnatomySpec, read_anatomy
+from trunk_ocp.problem.motion import build_motion, problems_folder
+from trunk_ocp.problem.problem_file import ProblemSpec
 
 from .common import median, run_part
 from .inverse import figures_of

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from trunk_ocp.storage import finite
+from trunk_ocp.planning.storage import finite
 
 ROOT = Path(__file__).parent.parent
 DATA = ROOT / "results" / "foresight"

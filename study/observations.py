@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.comparison import REVERSAL, reversals
+from trunk_ocp.analysis.measures import REVERSAL, reversals
 
 from . import data
 

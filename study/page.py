@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.comparison import REVERSAL, reversals
-from trunk_ocp.foresight import TRACKING_ONLY
-from trunk_ocp.motion import load_motion
-from trunk_ocp.optima import SAME
-from trunk_ocp.redundancy.bands import AT_REST
+from trunk_ocp.analysis.lookahead_study import TRACKING_ONLY
+from trunk_ocp.analysis.measures import REVERSAL, reversals
+from trunk_ocp.analysis.multistart import SAME
+from trunk_ocp.analysis.redundancy.ranges import AT_REST
+from trunk_ocp.problem.motion import load_motion
 
 from . import data
 

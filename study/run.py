@@ -24,15 +24,15 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from trunk_ocp.analysis.lookahead_study import Foresight, foresight, front, survey
+from trunk_ocp.analysis.multistart import optima
+from trunk_ocp.analysis.redundancy import needed, redundancy, report
 from trunk_ocp.figures import draw_foresight, draw_front, draw_survey
 from trunk_ocp.figures.redundancy import draw_redundancy
-from trunk_ocp.foresight import Foresight, foresight, front, survey
-from trunk_ocp.limits import touching
-from trunk_ocp.motion import load_motion
-from trunk_ocp.optima import optima
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.redundancy import needed, redundancy, report
-from trunk_ocp.solution import Plan
+from trunk_ocp.planning.active_bounds import touching
+from trunk_ocp.planning.plan import Plan
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import load_motion
 
 from . import data
 from .page import write_page

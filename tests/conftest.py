@@ -2,7 +2,7 @@
 
 import pytest
 
-from trunk_ocp.anatomy import load_anatomy
+from trunk_ocp.model.anatomy import load_anatomy
 from trust.validation import rods
 
 

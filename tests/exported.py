@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from trunk_ocp.anatomy import load_anatomy
 from trunk_ocp.codegen.model import build_model, reference
 from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.request import Request
-from trunk_ocp.loads import Loads
+from trunk_ocp.model.anatomy import load_anatomy
+from trunk_ocp.model.loads import Loads
 from trust.validation import rods
 
 STEP = 1e-30  # of a complex step: nothing cancels, so it can be as small as one likes

@@ -2,7 +2,7 @@
 
 FAULT is KILL (as by kill -9), INT (as by Ctrl-C) or TWICE (Ctrl-C two times at once). It comes at
 the COUNT-th time of MOMENT: `window` after one is kept, `keeping` amid that, `iteration` of the
-optimiser, `drawing`, `reading` the problem, `beginning` to plan, or the name of a file, just before
+optimizer, `drawing`, `reading` the problem, `beginning` to plan, or the name of a file, just before
 it is in its place.
 """
 
@@ -12,8 +12,10 @@ import sys
 import threading
 from pathlib import Path
 
-import trunk_ocp.drawing
-from trunk_ocp import checkpoint, cli, screen
+import trunk_ocp.cli.draw_run
+from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import tables as screen
+from trunk_ocp.planning import checkpoint
 
 FAULT, MOMENT, COUNT = sys.argv[1], sys.argv[2], int(sys.argv[3])
 left = COUNT
@@ -50,7 +52,7 @@ def after(owner, name):
     setattr(owner, name, struck)
 
 
-def draw(*arguments, real=trunk_ocp.drawing.draw_run):
+def draw(*arguments, real=trunk_ocp.cli.draw_run.draw_run):
     threading.Timer(1.5, strike).start() if FAULT == "KILL" else strike()
     return real(*arguments)
 
@@ -67,7 +69,7 @@ if __name__ == "__main__":
     elif MOMENT == "reading":
         before(cli, "load_motion")
     elif MOMENT == "drawing":
-        trunk_ocp.drawing.draw_run = draw
+        trunk_ocp.cli.draw_run.draw_run = draw
     else:
         before(os, "replace", lambda source, target: Path(target).name == MOMENT)
     sys.argv[1:4] = []

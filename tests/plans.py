@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from trunk_ocp.anatomy import AnatomySpec, build_trunk
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.rod.statics import solve_statics
 
 MOTIONS = ("pick-fruit", "lift-log", "lift-log-asymmetric")
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 
-from trunk_ocp.activation import (
+from trunk_ocp.model.activation import (
     intrinsic_strain,
     mean_extension,
     segment_at,
@@ -16,7 +16,7 @@ from trunk_ocp.activation import (
     strains,
     torsion,
 )
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
 ALL = range(28)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from trunk_ocp.anatomy import check_activation, load_anatomy
 from trunk_ocp.errors import InputError
+from trunk_ocp.model.anatomy import check_activation, load_anatomy
 
 # Table 1, right side: inner and outer radius at Z = 0 over L, first and second sector angle.
 TABLE_1 = {

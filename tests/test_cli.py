@@ -11,10 +11,11 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
-from trunk_ocp import cli, runs
+from trunk_ocp.cli import finished_runs as runs
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import film
-from trunk_ocp.storage import load_plan
+from trunk_ocp.planning.storage import load_plan
 
 SOLVE_MOTION = Path(sys.executable).parent / "solve-motion"
 FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.0, 0.0]")  # the trunk is 1.75 m long

@@ -12,8 +12,8 @@ import pytest
 from trunk_ocp.codegen.c import STRICT, check_c, write_c
 from trunk_ocp.codegen.model import build_model, reference
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
-from trunk_ocp.loads import Loads
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.unloaded import unloaded_states
 
 VALUE = 1e-10  # the promise of issue 7, with different meshes and formulations on either side
 SLOPE = 1e-8  # and that for high-order differences

@@ -4,17 +4,17 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trunk_ocp import rod
-from trunk_ocp.activation import strains
 from trunk_ocp.codegen import casadi_function, space_rod
 from trunk_ocp.codegen.cases import cases, disagreements, resolved
 from trunk_ocp.codegen.model import MOST_POINTS, build_model, reference
 from trunk_ocp.errors import InputError
-from trunk_ocp.loads import Loads
-from trunk_ocp.rotations import directors
-from trunk_ocp.sensitivity import tip_jacobian
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.quaternions import directors
+from trunk_ocp.rod import equations as rod
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.rod.tip_jacobian import tip_jacobian
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference as independent
 
 CONTACT = Loads(contact_from=1.3)  # no segment's end

@@ -18,7 +18,7 @@ from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
 from trunk_ocp.codegen.running import build_mex, run_octave
 from trunk_ocp.errors import InputError
-from trunk_ocp.planner import plan_motion
+from trunk_ocp.planning.planner import plan_motion
 
 WRITERS = {
     "casadi": (programme.write_programme_casadi, programme.check_programme_casadi),

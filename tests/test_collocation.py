@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.special import roots_legendre
 
-from trunk_ocp.collocation import Mesh, gauss, mesh_for
 from trunk_ocp.errors import InputError
-from trunk_ocp.loads import Loads
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.collocation import Mesh, gauss, mesh_for
+from trunk_ocp.rod.statics import solve_statics
 
 DEGREES = [1, 2, 3, 6, 10, 20]
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from plans import TOUCH, written
 
-from trunk_ocp.checkpoint import Checkpoint
+from trunk_ocp._support.netcdf import read_netcdf
+from trunk_ocp._support.provenance import fingerprint
+from trunk_ocp._support.toml_files import printable
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import load_motion
-from trunk_ocp.netcdf import read_netcdf
-from trunk_ocp.planner import Options, plan_motion
-from trunk_ocp.provenance import fingerprint
-from trunk_ocp.reading import printable
-from trunk_ocp.solution import Status
-from trunk_ocp.storage import dataset, load_plan, save_plan
+from trunk_ocp.planning.checkpoint import Checkpoint
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.storage import dataset, load_plan, save_plan
+from trunk_ocp.problem.motion import load_motion
 from trust import damaged
 
 
@@ -222,7 +222,7 @@ def test_what_a_power_cut_left_of_an_unfinished_run_is_replaced(tmp_path, left):
 
 def test_records_too_long_to_be_read_are_saved_without_their_histories(tmp_path, monkeypatch):
     plan = damaged.originals().plan
-    monkeypatch.setattr("trunk_ocp.records.MOST_NESTED", 30)
+    monkeypatch.setattr("trunk_ocp.planning.records.MOST_NESTED", 30)
     save_plan(plan, tmp_path)
     again = load_plan(tmp_path)
     assert [s.message for s in again.solves] == [s.message for s in plan.solves]
@@ -320,7 +320,9 @@ def test_failures_too_long_to_be_read_are_kept_without_their_histories(tmp_path,
     """So that the run can be resumed at all."""
     motion = load_motion(written(tmp_path, TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.1, 1.2]")))
     options = Options(max_iterations=1)
-    monkeypatch.setattr("trunk_ocp.checkpoint.fits", lambda text: '"history": [[' not in text)
+    monkeypatch.setattr(
+        "trunk_ocp.planning.checkpoint.fits", lambda text: '"history": [[' not in text
+    )
     made = plan_motion(
         motion, 1, options, checkpoint=Checkpoint(tmp_path / "resume.npz"), throw=False
     )

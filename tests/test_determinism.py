@@ -13,20 +13,20 @@ import xarray as xr
 from click.testing import CliRunner
 from plans import POINT, first_steps, written
 
-from trunk_ocp import cli
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import Options, plan_motion
-from trunk_ocp.provenance import fingerprint, versions
+from trunk_ocp._support.provenance import fingerprint, versions
+from trunk_ocp.cli import solve as cli
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan, summary
+from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
-from trunk_ocp.storage import load_plan, save_plan, summary
 
 # Plans a motion, and another one before it if asked to; prints a fingerprint of every number.
 PLANNER = """
 import hashlib, sys
 from dataclasses import replace
 import trunk_ocp as to
-from trunk_ocp.anatomy import AnatomySpec
-from trunk_ocp.motion import build_motion
+from trunk_ocp.model.anatomy import AnatomySpec
+from trunk_ocp.problem.motion import build_motion
 
 def told(motion, lookahead):
     plan = to.plan_motion(motion, lookahead)

@@ -10,18 +10,18 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 
-from trunk_ocp import cli
-from trunk_ocp.diagnosis import at_bounds, effects, explain
+from trunk_ocp.analysis.bound_sensitivity import Response
+from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import PlanError
-from trunk_ocp.motion import Box, load_motion
-from trunk_ocp.planner import Options, plan_motion
-from trunk_ocp.postoptimal import Response
-from trunk_ocp.replanning import Replanner
+from trunk_ocp.nlp.ipopt import Optimiser, Solve, rank
+from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.problem.motion import Box, load_motion
 from trunk_ocp.reporting import Reporter
-from trunk_ocp.solution import Status
-from trunk_ocp.solver import Optimiser, Solve, rank
-from trunk_ocp.storage import load_plan, save_plan
-from trunk_ocp.transcription import Weights, Window
 from trust import reference
 
 WEAK = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [-0.1, 0.0]")

@@ -11,8 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import trunk_ocp as to
-from trunk_ocp import cli
-from trunk_ocp.activation import strains
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.codegen import casadi_function
 from trunk_ocp.codegen.cases import cases, free_cases, resolved
 from trunk_ocp.codegen.formats import FORMATS, check_export
@@ -21,6 +20,7 @@ from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.own_files import MANIFEST, NAMES
 from trunk_ocp.codegen.request import CheckError, Request
 from trunk_ocp.errors import InputError
+from trunk_ocp.model.activation import strains
 
 # ONNX takes ten seconds to write; its export is checked in test_codegen_onnx.
 SHAPES = [name for name, form in FORMATS.items() if not form.formulas and name != "onnx"]
@@ -94,7 +94,7 @@ def test_a_check_that_does_not_end_well_is_told(tmp_path, monkeypatch):
     def refuse(folder, to, what):
         raise CheckError("position 1e-3 ABOVE 1e-10")
 
-    monkeypatch.setattr("trunk_ocp.exporting.check_export", refuse)
+    monkeypatch.setattr("trunk_ocp.cli.export.check_export", refuse)
     result = export("asian-elephant", "--to", "casadi", "--out", tmp_path, "--check")
     assert result.exit_code == 3
     assert "does not pass its check" in result.stderr

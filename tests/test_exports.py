@@ -14,15 +14,16 @@ from plans import MOTIONS, planned, soft_rod, written
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
-from trunk_ocp import colours
 from trunk_ocp.errors import InputError, StaticsError
-from trunk_ocp.exports import glb, keyframes, surfaces, write_glb, write_sto, write_vtk
-from trunk_ocp.geometry import Body, muscle_body, trunk_body
-from trunk_ocp.interpolation import interpolate
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.motion_files import glb, write_glb, write_sto, write_vtk
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.interpolation import interpolate
+from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.scene import colors as colours
+from trunk_ocp.scene import keyframes, surfaces
+from trunk_ocp.scene.body import Body, muscle_body, trunk_body
 
 FLOAT32 = 5e-7  # m; two roundings of lengths below 4 m
 

@@ -22,19 +22,20 @@ import xarray as xr
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
-from trunk_ocp import checkpoint, cli
+from trunk_ocp._support.atomic_files import alone, replacing, write
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
-from trunk_ocp.exports import write_glb, write_sto, write_vtk
 from trunk_ocp.figures import draw_anatomy, write_film
 from trunk_ocp.figures.errors import draw_errors
-from trunk_ocp.files import alone, replacing, write
-from trunk_ocp.motion import load_motion
-from trunk_ocp.page import write_page
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.storage import load_plan, save_plan
+from trunk_ocp.motion_files import write_glb, write_sto, write_vtk
+from trunk_ocp.planning import checkpoint
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.viewer import write_page
 
 FAULTY = Path(__file__).with_name("faulty.py")
-SOLVE = [sys.executable, "-c", "from trunk_ocp.cli import solve; solve()"]
+SOLVE = [sys.executable, "-c", "from trunk_ocp.cli.solve import solve; solve()"]
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
@@ -221,7 +222,7 @@ def test_a_problem_with_another_comment_is_resumed(unfinished, whole):
 
 
 def test_a_changed_anatomy_is_not_resumed(unfinished):
-    shipped = Path(cli.__file__).parent / "data" / "anatomies" / "asian-elephant.toml"
+    shipped = Path(cli.__file__).parent.parent / "data" / "anatomies" / "asian-elephant.toml"
     text = shipped.read_text().replace("length = 1.75", "length = 1.76", 1)
     assert text != shipped.read_text()
     written(unfinished, text, "asian-elephant")
@@ -533,7 +534,7 @@ def test_pictures_need_the_font_that_matplotlib_brings_and_no_other(plan, tmp_pa
         "from matplotlib.font_manager import fontManager as fonts\n"
         f"fonts.ttflist = [font for font in fonts.ttflist if {left!r} in font.name]\n"
         "from pathlib import Path\n"
-        "import trunk_ocp as to, trunk_ocp.cli\n"
+        "import trunk_ocp as to, trunk_ocp.cli.solve\n"
         f"folder = Path({str(tmp_path)!r})\n"
         "from trunk_ocp.figures.errors import draw_errors\n"
         "try:\n"
@@ -568,9 +569,10 @@ def test_files_have_points_where_the_locale_has_commas(problem, whole, comma, tm
     script = (
         "import locale; locale.setlocale(locale.LC_ALL, '')\n"
         "assert locale.format_string('%.1f', 1.5) == '1,5'\n"
-        "from pathlib import Path; from trunk_ocp import cli, load_plan, page\n"
-        "try:\n    cli.solve()\n"
-        "finally:\n    page.write_page([load_plan('horizon')], Path('page.html'))\n"
+        "from pathlib import Path; from trunk_ocp import load_plan, viewer\n"
+        "from trunk_ocp.cli import commands\n"
+        "try:\n    commands.solve()\n"
+        "finally:\n    viewer.write_page([load_plan('horizon')], Path('page.html'))\n"
     )
     command = [sys.executable, "-c", script]
     options = ("--out", tmp_path, "--mode", "both")
@@ -653,7 +655,7 @@ def test_a_clock_that_jumps_changes_nothing(problem, whole, tmp_path):
     code = (
         "import random, sys, time; real = time.time\n"
         "time.time = lambda: real() + random.uniform(-1e9, 1e9)\n"
-        "from trunk_ocp import cli; cli.solve()\n"
+        "from trunk_ocp.cli import commands; commands.solve()\n"
     )
     command = [sys.executable, "-c", code]
     ended = started(command, problem, "--out", tmp_path, "--mode", "sequential")

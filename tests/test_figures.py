@@ -18,7 +18,7 @@ from matplotlib.patches import StepPatch
 from plans import MOTIONS, POINT, TOUCH, first_steps, planned, written
 from test_user_motions import REACH, ROD, arm
 
-from trunk_ocp import colours
+from trunk_ocp._support.wording import rounded
 from trunk_ocp.figures import (
     activations,
     anatomy,
@@ -28,20 +28,20 @@ from trunk_ocp.figures import (
     draw_comparison,
     errors,
     film,
-    instants,
     muscles,
     shapes,
     style,
 )
 from trunk_ocp.figures.scene import VIEWS, ball, cylinder
-from trunk_ocp.figures.things import head_sphere, log_at
-from trunk_ocp.head import base_pose
-from trunk_ocp.limits import limits, touching
-from trunk_ocp.motion import build_motion, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.solution import Status
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.wording import rounded
+from trunk_ocp.model.head import base_pose
+from trunk_ocp.planning.active_bounds import limits, touching
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.scene import colors as colours
+from trunk_ocp.scene import moments as instants
+from trunk_ocp.scene.surroundings import head_sphere, log_at
 
 
 def with_gid(figure, gid):
@@ -73,7 +73,7 @@ def cut(plan, count):
 
 
 def test_importing_the_package_does_not_import_matplotlib():
-    code = "import sys, trunk_ocp, trunk_ocp.cli; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, trunk_ocp, trunk_ocp.cli.solve; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -9,12 +9,13 @@ import pytest
 from click.testing import CliRunner
 from plans import TOUCH, written
 
-from trunk_ocp import cli, files
+from trunk_ocp._support import atomic_files as files
+from trunk_ocp._support.atomic_files import alone, replacing, write
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
-from trunk_ocp.files import alone, replacing, write
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.storage import load_plan, save_plan
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.problem.motion import load_motion
 
 NAMES = (
     ".x.part", ".solution.123.part.nc", ".part", ".summary.4242.part.json", "..part.", ".lock",

@@ -15,17 +15,24 @@ from scipy.optimize import minimize
 from toys import TRUNK, shortening
 from toys import C as SHORTENING
 
-from trunk_ocp import cli
-from trunk_ocp.comparison import DEFINITIONS, Measures, measure, reversals
+from trunk_ocp._support.process_pool import run
+from trunk_ocp.analysis.lookahead_study import (
+    TRACKING_ONLY,
+    Curve,
+    equal_bounds,
+    foresight,
+    front,
+    survey,
+)
+from trunk_ocp.analysis.measures import DEFINITIONS, Measures, measure, reversals
+from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
-from trunk_ocp.foresight import TRACKING_ONLY, Curve, equal_bounds, foresight, front, survey
-from trunk_ocp.motion import REFERENCE_LENGTH
-from trunk_ocp.parallel import run
-from trunk_ocp.planner import Options, plan_motion
+from trunk_ocp.nlp.window import Weights
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.problem.motion import REFERENCE_LENGTH
 from trunk_ocp.reporting import Reporter
-from trunk_ocp.screen import foresight_table
-from trunk_ocp.solution import Status
-from trunk_ocp.transcription import Weights
 
 C = SHORTENING * REFERENCE_LENGTH / TRUNK.length  # in the objective's units
 WEIGHTS = Weights(effort=1e-3, rate=1e-3)

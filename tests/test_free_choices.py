@@ -8,13 +8,13 @@ import pytest
 from plans import TOUCH, planned, shipped, written
 from test_user_motions import ROD
 
-from trunk_ocp import free_choices
-from trunk_ocp.diagnosis import at_bounds, explain
-from trunk_ocp.free_choices import one_sided
-from trunk_ocp.loads import Loads
-from trunk_ocp.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
-from trunk_ocp.motion import Box, load_motion
-from trunk_ocp.planner import plan_from, plan_motion
+from trunk_ocp.analysis import free_choices
+from trunk_ocp.analysis.diagnosis import at_bounds, explain
+from trunk_ocp.analysis.free_choices import one_sided
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.planner import plan_from, plan_motion
+from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
+from trunk_ocp.problem.motion import Box, load_motion
 
 # A leaf above the head, straight ahead, that is reached and held.
 HOLD = """position_weight = 8.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from trunk_ocp.head import base_pose
-from trunk_ocp.rotations import directors
+from trunk_ocp.model.head import base_pose
+from trunk_ocp.model.quaternions import directors
 
 ANGLES = [(0.0, 0.0), (0.4, 0.0), (0.0, -0.3), (-0.7, 0.9), (2.5, -1.2)]
 ROUND_OFF = 1e-14  # a few products of numbers of size one

@@ -5,7 +5,7 @@ import pytest
 from plans import planned, shipped
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.interpolation import interpolate
+from trunk_ocp.problem.interpolation import interpolate
 from trust import reference
 
 EXACT = 1e-12

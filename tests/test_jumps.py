@@ -9,14 +9,16 @@ import pytest
 from plans import POINT, planned, written
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.exports import keyframes, write_vtk
-from trunk_ocp.exports.glb import weight_keys
-from trunk_ocp.figures import film, instants, shapes
-from trunk_ocp.interpolation import jumps, loads_at
-from trunk_ocp.motion import load_motion
-from trunk_ocp.page.payload import payload
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.figures import film, shapes
+from trunk_ocp.motion_files import write_vtk
+from trunk_ocp.motion_files.glb import weight_keys
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.interpolation import jumps, loads_at
+from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.scene import keyframes
+from trunk_ocp.scene import moments as instants
+from trunk_ocp.viewer.payload import payload
 from trust import between
 
 TIP = np.array([1.75])

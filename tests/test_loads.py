@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.loads import Loads, contact_share, couple_density, internal_force, mass_beyond
+from trunk_ocp.model.loads import Loads, contact_share, couple_density, internal_force, mass_beyond
 
 LOG = Loads(9.8, (3.0, -4.0, 5.0), 1.4, (10.0, 20.0, 144.5), (-113.8, 7.0, 2.0))
 

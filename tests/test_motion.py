@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import trunk_ocp
 from trunk_ocp.errors import InputError
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import Held, allowed, load_motion
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.problem.motion import Held, allowed, load_motion
 
 L = 1.75
 EXACT = 1e-12  # decimals in the files are typed out to sixteen digits
@@ -285,7 +285,7 @@ def test_a_motion_cannot_be_changed_in_place():
 
 def test_patterns_are_as_many_as_are_matched_in_no_time(tmp_path, monkeypatch):
     """Names cost nothing and are not counted; the same pattern in every phase counts once."""
-    monkeypatch.setattr("trunk_ocp.variants.MOST_MATCHES", 3 * 28)
+    monkeypatch.setattr("trunk_ocp.problem.variants.MOST_MATCHES", 3 * 28)
     rows = [f'"{name}" = [-1.0, 0.0]' for name in shipped("lift-log").trunk.muscles]
     rows += [f'"{pattern}" = [-1.0, 0.0]' for pattern in ("R*", "L*", "*dl")]
     text = TOUCH + "[phases.bounds.muscles]\n" + "\n".join(rows)

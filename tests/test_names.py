@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from plans import TOUCH
 
 import trunk_ocp as to
-from trunk_ocp import cli
-from trunk_ocp.anatomy import AnatomySpec, Trunk, anatomies_folder
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.codegen import foreign
 from trunk_ocp.codegen.c import STRICT
 from trunk_ocp.codegen.formats import FORMATS
@@ -30,7 +29,8 @@ from trunk_ocp.codegen.own_files import NAMES
 from trunk_ocp.codegen.request import Request
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import style
-from trunk_ocp.page.bundle import page
+from trunk_ocp.model.anatomy import AnatomySpec, Trunk, anatomies_folder
+from trunk_ocp.viewer.bundle import page
 
 ORDINARY = "Asian elephant, young female (µ=0.3)"
 CODE = 'raise SystemExit("broke out")'

@@ -10,14 +10,14 @@ from click.testing import CliRunner
 from plans import TOUCH, first_steps, shipped, written
 from toys import pointing, shortening
 
-from trunk_ocp import cli
-from trunk_ocp.activation import strains
-from trunk_ocp.anatomy import load_anatomy
+from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, optima, random_motion
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
-from trunk_ocp.mirror import mirror_order, mirrored_motion, mirrored_unknowns
-from trunk_ocp.optima import BETTER, SAME, Optima, distinct, optima, random_motion
-from trunk_ocp.planner import plan_from, plan_motion
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.anatomy import load_anatomy
+from trunk_ocp.planning.planner import plan_from, plan_motion
+from trunk_ocp.problem.mirror import mirror_order, mirrored_motion, mirrored_unknowns
+from trunk_ocp.rod.statics import solve_statics
 
 ANGLE = 0.7  # rad, of the rod from +Z
 

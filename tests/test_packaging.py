@@ -10,8 +10,10 @@ from typing import Annotated, get_origin
 import pytest
 from pydantic.fields import FieldInfo
 
-from trunk_ocp import anatomy, problem_file, reading
-from trunk_ocp.reading import Strict
+from trunk_ocp._support import toml_files as reading
+from trunk_ocp._support.toml_files import Strict
+from trunk_ocp.model import anatomy
+from trunk_ocp.problem import problem_file
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

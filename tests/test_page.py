@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from plans import POINT, TOUCH, planned, soft_rod, written
 
-from trunk_ocp.colours import MASS
 from trunk_ocp.errors import InputError
-from trunk_ocp.geometry import muscle_body
-from trunk_ocp.motion import build_motion, load_motion
-from trunk_ocp.page import write_page
-from trunk_ocp.page.bundle import embedded
-from trunk_ocp.page.payload import MOST, instants, payload
-from trunk_ocp.planner import plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.scene.body import muscle_body
+from trunk_ocp.scene.colors import MASS
+from trunk_ocp.viewer import write_page
+from trunk_ocp.viewer.bundle import embedded
+from trunk_ocp.viewer.payload import MOST, instants, payload
 
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 ARGS = [

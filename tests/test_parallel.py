@@ -14,12 +14,13 @@ import pytest
 from plans import TOUCH, written
 
 import trunk_ocp
-from trunk_ocp import drawing, parallel
+from trunk_ocp._support import process_pool as parallel
+from trunk_ocp._support.process_pool import cores, finished, run
+from trunk_ocp.cli import draw_run as drawing
 from trunk_ocp.errors import InputError, PlanError, StaticsError, TrunkError
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import load_motion
-from trunk_ocp.parallel import cores, finished, run
-from trunk_ocp.planner import plan_motion
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
 
 FAR = TOUCH.replace("position = [0.6, 0.1, 1.2]", "position = [3.0, 0.1, 1.2]")
@@ -130,9 +131,9 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
 
 SCRIPT = """
 import trunk_ocp as to
-from trunk_ocp.foresight import plan_of
-from trunk_ocp.parallel import run
-from trunk_ocp.planner import Options
+from trunk_ocp.analysis.lookahead_study import plan_of
+from trunk_ocp._support.process_pool import run
+from trunk_ocp.planning.planner import Options
 motion = to.load_motion({path!r})
 plans = run(plan_of, [(motion, 1, Options(), None)] * 2, 2)
 print([plan.status.name for plan in plans])

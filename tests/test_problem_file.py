@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 from plans import MOTIONS, shipped, written
 
-from trunk_ocp.cli import main
+from trunk_ocp.cli.solve import main
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import load_motion, problems_folder
+from trunk_ocp.problem.motion import load_motion, problems_folder
 
 # A valid file in which every faulty one below differs by one line or two.
 VALID = """

@@ -13,13 +13,7 @@ from plans import planned, soft_rod, written
 from scipy.linalg import null_space
 from scipy.optimize import linprog, lsq_linear
 
-from trunk_ocp import cli
-from trunk_ocp.activation import strain_matrix, strains
-from trunk_ocp.errors import InputError
-from trunk_ocp.figures import redundancy as figure
-from trunk_ocp.motion import allowed, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.redundancy import (
+from trunk_ocp.analysis.redundancy import (
     Need,
     Redundancy,
     can_be_off,
@@ -34,10 +28,16 @@ from trunk_ocp.redundancy import (
     ranges,
     redundancy,
 )
-from trunk_ocp.redundancy.bands import Freedom
-from trunk_ocp.screen import redundancy_table
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.storage import save_plan
+from trunk_ocp.analysis.redundancy.ranges import Freedom
+from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli.tables import redundancy_table
+from trunk_ocp.errors import InputError
+from trunk_ocp.figures import redundancy as figure
+from trunk_ocp.model.activation import strain_matrix, strains
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import save_plan
+from trunk_ocp.problem.motion import allowed, load_motion
+from trunk_ocp.rod.statics import solve_statics
 
 VERSIONS = ("plan", "least effort", "fewest muscles")
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from plans import MOTIONS, POINT, TOUCH, first_steps, shipped, soft_rod, written
 
-from trunk_ocp.activation import strain_matrix
-from trunk_ocp.diagnosis import explain
-from trunk_ocp.motion import Box, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.relaxation import (
+from trunk_ocp.analysis.diagnosis import explain
+from trunk_ocp.analysis.elastic_bounds import (
     Bound,
     Excess,
     contradictions,
@@ -20,7 +17,10 @@ from trunk_ocp.relaxation import (
     reach,
     said,
 )
-from trunk_ocp.solution import Status
+from trunk_ocp.model.activation import strain_matrix
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import Box, load_motion
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
 ROD = (

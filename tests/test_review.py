@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import trunk_ocp as to
-from trunk_ocp.anatomy import AnatomySpec
-from trunk_ocp.motion import build_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.problem_file import ProblemSpec
+from trunk_ocp.model.anatomy import AnatomySpec
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import build_motion
+from trunk_ocp.problem.problem_file import ProblemSpec
 
 HEAD = """
 name = "{name}"

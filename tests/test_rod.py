@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from trunk_ocp.loads import Loads
-from trunk_ocp.rod import point_parameters, rates
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.equations import point_parameters, rates
 from trust import reference
 
 LOG = Loads(9.8, (3.0, -4.0, 5.0), 1.4, (10.0, 20.0, 144.5), (-113.8, 7.0, 2.0))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from trunk_ocp.anatomy import AnatomySpec
-from trunk_ocp.motion import Motion, build_motion, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.problem_file import ProblemSpec
+from trunk_ocp.model.anatomy import AnatomySpec
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import Motion, build_motion, load_motion
+from trunk_ocp.problem.problem_file import ProblemSpec
 
 # Powers of the length with which quantities scale: Young's modulus and density stay, so gravity
 # is 1 / length, forces are length^2 (E times an area), couples and masses length^3.

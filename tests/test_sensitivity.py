@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trunk_ocp import Loads, solve_statics, tip_jacobian
-from trunk_ocp.collocation import mesh_for
+from trunk_ocp.rod.collocation import mesh_for
 
 LOADS = Loads(
     tip_force=(20.0, -15.0, 30.0),

@@ -6,9 +6,9 @@ import pytest
 from plans import first_steps, in_equilibrium, shipped
 from scipy.optimize import rosen, rosen_der, rosen_hess
 
-from trunk_ocp.assembly import Assembly
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.transcription import Weights, Window
+from trunk_ocp.nlp.nlp_builder import Assembly
+from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.rod.collocation import mesh_for
 
 # Two orders of evaluating the same sums of products: some thousand round-offs of 1e-16.
 ROUND_OFF = 1e-12

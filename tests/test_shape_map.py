@@ -12,16 +12,17 @@ import pytest
 from plans import thin_tipped
 
 import trunk_ocp
-from trunk_ocp import shape_map, shooting
-from trunk_ocp.collocation import mesh_for
+from trunk_ocp._support.casadi_to_python import python_source
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
-from trunk_ocp.loads import Loads
-from trunk_ocp.python_source import python_source
-from trunk_ocp.rod import rates
-from trunk_ocp.sensitivity import tip_jacobian
-from trunk_ocp.shape_map import PointShapes, ShapeMap
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod import shape_map
+from trunk_ocp.rod import shooting_kernels as shooting
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.equations import rates
+from trunk_ocp.rod.shape_map import PointShapes, ShapeMap
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.rod.tip_jacobian import tip_jacobian
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
 REST = np.zeros(28)
@@ -509,7 +510,7 @@ def test_a_map_that_is_not_strict_leaves_out_what_it_does_not_find(trunk):
 
 def test_without_numba_the_error_says_what_to_install(trunk, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.delitem(sys.modules, "trunk_ocp.shooting")
+    monkeypatch.delitem(sys.modules, "trunk_ocp.rod.shooting_kernels")
     monkeypatch.delattr(trunk_ocp, "shooting")
     with pytest.raises(TrunkError, match=r"needs numba.*pip install trunk_ocp\[fast\]"):
         ShapeMap(trunk)

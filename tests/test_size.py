@@ -4,14 +4,15 @@ import pytest
 from click.testing import CliRunner
 from plans import MOTIONS, TOUCH, shipped, written
 
-from trunk_ocp import cli, size
+from trunk_ocp.analysis.multistart import optima
+from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import load_motion
-from trunk_ocp.optima import optima
-from trunk_ocp.planner import Options, Pass, State, first_mesh, plan_motion
+from trunk_ocp.nlp import size
+from trunk_ocp.nlp.ipopt import Optimiser
+from trunk_ocp.nlp.size import check_size, size_of
+from trunk_ocp.planning.planner import Options, Pass, State, first_mesh, plan_motion
+from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
-from trunk_ocp.size import check_size, size_of
-from trunk_ocp.solver import Optimiser
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from plans import TOUCH, first_steps, planned, written
 
-from trunk_ocp.comparison import compare, measure
-from trunk_ocp.motion import Box, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.screen import step_table
-from trunk_ocp.solution import Status
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.analysis.measures import compare, measure
+from trunk_ocp.cli.tables import step_table
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import Box, load_motion
+from trunk_ocp.rod.statics import solve_statics
 
 
 @pytest.fixture(scope="module")

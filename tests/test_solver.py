@@ -12,10 +12,10 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import trunk_ocp as to
-from trunk_ocp.deferred_signals import deferred_interrupts
-from trunk_ocp.planner import Options, Pass, State
-from trunk_ocp.solver import Optimiser, Outcome, Solve
-from trunk_ocp.threads import one_thread
+from trunk_ocp._support.blas_threads import one_thread
+from trunk_ocp._support.deferred_signals import deferred_interrupts
+from trunk_ocp.nlp.ipopt import Optimiser, Outcome, Solve
+from trunk_ocp.planning.planner import Options, Pass, State
 
 
 @pytest.fixture(scope="module")

@@ -13,14 +13,14 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk, jn_zeros, jv
 
-from trunk_ocp import statics
-from trunk_ocp.activation import strains
-from trunk_ocp.collocation import mesh_for
 from trunk_ocp.errors import InputError
-from trunk_ocp.loads import Loads
-from trunk_ocp.stability import stability
-from trunk_ocp.statics import shape_of_states, solve_statics
-from trunk_ocp.verification import integrate
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.verification import integrate
+from trunk_ocp.rod import statics
+from trunk_ocp.rod.buckling import stability
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import shape_of_states, solve_statics
 from trust import reference
 
 NONE, REST = np.zeros(0), np.zeros(28)
@@ -383,7 +383,7 @@ def test_long_meshes_are_judged_as_by_one_matrix(trunk, draw, monkeypatch):
     mesh = mesh_for(trunk, 1.4, elements=14)
     shape = solve_statics(trunk, activation, loads=loads, mesh=mesh)
     chained = stability(shape, activation, loads)
-    monkeypatch.setattr(sys.modules["trunk_ocp.stability"], "MOST_DENSE", 10**6)
+    monkeypatch.setattr(sys.modules["trunk_ocp.rod.buckling"], "MOST_DENSE", 10**6)
     whole = stability(shape, activation, loads)
     assert 0 < np.count_nonzero(whole.index) < 8
     np.testing.assert_allclose(chained.margin, whole.margin, rtol=1e-8, atol=1e-8)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from plans import thin_tipped
 
-from trunk_ocp import refining, statics
 from trunk_ocp.codegen.model import build_model
-from trunk_ocp.collocation import Mesh, mesh_for
 from trunk_ocp.errors import InputError, StaticsError
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import build_motion, load_motion
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.unloaded import unloaded_states
-from trunk_ocp.verification import integrate
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.verification import integrate
+from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.rod import refining, statics
+from trunk_ocp.rod.collocation import Mesh, mesh_for
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 from trust.equilibria import Judge
 from trust.validation.rods import EVERYTHING, heads

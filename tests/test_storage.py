@@ -11,11 +11,11 @@ import xarray as xr
 from plans import POINT, shipped, written
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import Options, plan_motion
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.storage import dataset, load_plan, save_plan, summary
+from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
-from trunk_ocp.solution import Status
-from trunk_ocp.storage import dataset, load_plan, save_plan, summary
 
 SECONDS = ("setup_seconds", "solve_seconds", "derivative_seconds", "total_seconds")
 

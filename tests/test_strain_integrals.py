@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from trunk_ocp.activation import intrinsic_strain, radial_integrals
-from trunk_ocp.anatomy import Muscle
+from trunk_ocp.model.activation import intrinsic_strain, radial_integrals
+from trunk_ocp.model.anatomy import Muscle
 from trust import reference
 
 ALL = range(28)

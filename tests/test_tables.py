@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trunk_ocp.anatomy import load_anatomy
-from trunk_ocp.cli import main
-from trunk_ocp.tables import MEASURES, effects, ranks, signs
+from trunk_ocp.cli.solve import main
+from trunk_ocp.model.anatomy import load_anatomy
+from trunk_ocp.model.muscle_effects import MEASURES, effects, ranks, signs
 from trust.reference import UNIT_RESPONSES
 
 # Table 2: signs of extension, u1, u2, twist, isolated torsion.

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from plans import first_steps, in_equilibrium, planned, shipped
 
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import Held
-from trunk_ocp.solver import Optimiser
-from trunk_ocp.transcription import Weights, Window
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.nlp.ipopt import Optimiser
+from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.problem.motion import Held
+from trunk_ocp.rod.collocation import mesh_for
 from trust import reference
 
 # Newton's method in statics stops at relative steps of 1e-9 and is quadratic: what is left

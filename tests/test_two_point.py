@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 from plans import soft_rod, thin_tipped, thin_tipped_spec, written
 
-from trunk_ocp import verification
-from trunk_ocp.activation import strains
-from trunk_ocp.anatomy import build_trunk
-from trunk_ocp.block_gaps import close_gaps
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.diagnosis import explain
-from trunk_ocp.exports.keyframes import with_between
-from trunk_ocp.independent_rod import Rods, dop853
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import Auxiliary, Box, build_motion, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.problem_file import ProblemSpec
-from trunk_ocp.solution import Plan, Status
-from trunk_ocp.statics import shape_of_states, solve_statics
-from trunk_ocp.transcription import Weights
-from trunk_ocp.two_point import equilibria
-from trunk_ocp.verification import LARGEST_TURN, verify
+from trunk_ocp.analysis.diagnosis import explain
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.anatomy import build_trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.nlp.window import Weights
+from trunk_ocp.planning import verification
+from trunk_ocp.planning.independent_rod import Rods, dop853
+from trunk_ocp.planning.plan import Plan, Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.two_point import equilibria
+from trunk_ocp.planning.verification import LARGEST_TURN, verify
+from trunk_ocp.problem.motion import Auxiliary, Box, build_motion, load_motion
+from trunk_ocp.problem.problem_file import ProblemSpec
+from trunk_ocp.rod.block_gaps import close_gaps
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import shape_of_states, solve_statics
+from trunk_ocp.scene.keyframes import with_between
 from trust.equilibria import Judge, judge_plans, judge_shapes
 
 LOAD = Loads(tip_force=(0.0, 0.0, 0.049))

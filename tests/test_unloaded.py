@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from trunk_ocp.activation import strains
-from trunk_ocp.anatomy import AnatomySpec, build_trunk
-from trunk_ocp.loads import Loads
-from trunk_ocp.rotations import directors
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.quaternions import directors
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
 NO_LOAD = Loads(gravity=0.0)

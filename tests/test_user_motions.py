@@ -8,9 +8,9 @@ from plans import POINT, TOUCH, soft_rod, written
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import build_motion, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.solution import Status
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.motion import build_motion, load_motion
 
 ROD = (
     soft_rod("soft-arm")

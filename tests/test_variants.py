@@ -8,16 +8,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from plans import MOTIONS, POINT, TOUCH, shipped, written
 
-from trunk_ocp.built import as_built
+from trunk_ocp.analysis.lookahead_study import equal_bounds
+from trunk_ocp.analysis.redundancy.needed import motion_without
 from trunk_ocp.errors import InputError
-from trunk_ocp.foresight import equal_bounds
-from trunk_ocp.loads import Loads
-from trunk_ocp.mirror import mirrored_motion
-from trunk_ocp.motion import build_motion, load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.redundancy.needed import motion_without
-from trunk_ocp.solution import Status
-from trunk_ocp.storage import load_plan, save_plan
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.problem.built import as_built
+from trunk_ocp.problem.mirror import mirrored_motion
+from trunk_ocp.problem.motion import build_motion, load_motion
 
 OFFSETS = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 MUSCLES = ("R1-dl", "L3-vr", "R2-ivo")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from trunk_ocp.loads import Loads
-from trunk_ocp.verification import integrate
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.verification import integrate
 from trust import reference
 
 Z = np.unique(np.append(np.linspace(0, 1.75, 11), [0.875, 1.4, 1.4875]))

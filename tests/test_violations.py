@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from plans import in_equilibrium, shipped
 
-from trunk_ocp.collocation import gauss, mesh_for
-from trunk_ocp.transcription import Weights, Window
-from trunk_ocp.violations import MOST, Violation, violations
+from trunk_ocp.nlp.violations import MOST, Violation, violations
+from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.rod.collocation import gauss, mesh_for
 
 L = 1.75
 STEPS = slice(0, 4)  # of pick-fruit: a direction held from step 1, pulls along it from step 2 on

@@ -7,12 +7,12 @@ so that planning a motion is a small quadratic programme in one number gamma a s
 
 import numpy as np
 
-from trunk_ocp.activation import strain_matrix
-from trunk_ocp.anatomy import AnatomySpec, build_trunk
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import Box, Motion, Phase, Step
-from trunk_ocp.problem_file import ProblemSpec
-from trunk_ocp.targets import Target
+from trunk_ocp.model.activation import strain_matrix
+from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.problem.motion import Box, Motion, Phase, Step
+from trunk_ocp.problem.problem_file import ProblemSpec
+from trunk_ocp.problem.targets import Target
 
 SPEC = AnatomySpec.model_validate(
     {

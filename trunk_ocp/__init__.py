@@ -6,60 +6,58 @@ plan = to.plan_motion(to.load_motion("pick-fruit"))
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .anatomy import Trunk, load_anatomy
-    from .checkpoint import Checkpoint
+    from .analysis.diagnosis import Diagnosis, Finding, explain
+    from .analysis.lookahead_study import foresight, front, survey
+    from .analysis.measures import compare, measure
+    from .analysis.multistart import optima
     from .codegen.formats import check_export, export
-    from .comparison import compare, measure
-    from .diagnosis import Diagnosis, Finding, explain
     from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
-    from .foresight import foresight, front, survey
-    from .loads import Loads
-    from .motion import Motion, load_motion
-    from .optima import optima
-    from .planner import Options, plan_from, plan_motion
-    from .point_shapes import PointShapes
-    from .problem_file import problem_schema
-    from .replanning import Replanner
+    from .model.anatomy import Trunk, load_anatomy
+    from .model.loads import Loads
+    from .nlp.window import Weights
+    from .planning.checkpoint import Checkpoint
+    from .planning.plan import Plan, Status
+    from .planning.planner import Options, plan_from, plan_motion
+    from .planning.replanning import Replanner
+    from .planning.storage import load_plan, save_plan
+    from .problem.motion import Motion, load_motion
+    from .problem.problem_file import problem_schema
     from .reporting import Progress, Reporter
-    from .sensitivity import tip_jacobian
-    from .shape_map import ShapeMap
-    from .solution import Plan, Status
-    from .stability import Stability, stability
-    from .statics import Shape, solve_statics
-    from .storage import load_plan, save_plan
-    from .transcription import Weights
+    from .rod.buckling import Stability, stability
+    from .rod.point_shapes import PointShapes
+    from .rod.shape_map import ShapeMap
+    from .rod.statics import Shape, solve_statics
+    from .rod.tip_jacobian import tip_jacobian
 
 # Where each public name is. They are imported when they are first asked for: all together take
 # over a second, in which the command line could neither show its help nor answer Ctrl-C.
 _HOMES = {
-    "anatomy": ("Trunk", "load_anatomy"),
-    "checkpoint": ("Checkpoint",),
+    "model.anatomy": ("Trunk", "load_anatomy"),
+    "planning.checkpoint": ("Checkpoint",),
     "codegen.formats": ("check_export", "export"),
-    "comparison": ("compare", "measure"),
-    "diagnosis": ("Diagnosis", "Finding", "explain"),
+    "analysis.measures": ("compare", "measure"),
+    "analysis.diagnosis": ("Diagnosis", "Finding", "explain"),
     "errors": ("InputError", "PlanError", "SolverMissingError", "StaticsError", "TrunkError"),
-    "foresight": ("foresight", "front", "survey"),
-    "loads": ("Loads",),
-    "motion": ("Motion", "load_motion"),
-    "optima": ("optima",),
-    "planner": ("Options", "plan_from", "plan_motion"),
-    "point_shapes": ("PointShapes",),
-    "problem_file": ("problem_schema",),
-    "replanning": ("Replanner",),
+    "analysis.lookahead_study": ("foresight", "front", "survey"),
+    "model.loads": ("Loads",),
+    "problem.motion": ("Motion", "load_motion"),
+    "analysis.multistart": ("optima",),
+    "planning.planner": ("Options", "plan_from", "plan_motion"),
+    "rod.point_shapes": ("PointShapes",),
+    "problem.problem_file": ("problem_schema",),
+    "planning.replanning": ("Replanner",),
     "reporting": ("Progress", "Reporter"),
-    "sensitivity": ("tip_jacobian",),
-    "shape_map": ("ShapeMap",),
-    "solution": ("Plan", "Status"),
-    "stability": ("Stability", "stability"),
-    "statics": ("Shape", "solve_statics"),
-    "storage": ("load_plan", "save_plan"),
-    "transcription": ("Weights",),
+    "rod.tip_jacobian": ("tip_jacobian",),
+    "rod.shape_map": ("ShapeMap",),
+    "planning.plan": ("Plan", "Status"),
+    "rod.buckling": ("Stability", "stability"),
+    "rod.statics": ("Shape", "solve_statics"),
+    "planning.storage": ("load_plan", "save_plan"),
+    "nlp.window": ("Weights",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -118,16 +116,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Package(ModuleType):
-    """A package some of whose functions have the names of their modules."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        # Importing `trunk_ocp.foresight` sets an attribute of that name to the module, which
-        # would hide the function.
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .solution import Plan
+    from .planning.plan import Plan
 
 
 class TrunkError(Exception):

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.anatomy import Trunk
-from trunk_ocp.loads import Loads
-from trunk_ocp.solution import Plan
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.anatomy import Trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.plan import Plan
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
 Table = dict[str, Any]

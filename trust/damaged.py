@@ -31,12 +31,12 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.checkpoint import Checkpoint
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import Motion, load_motion
-from trunk_ocp.planner import Pass, plan_motion
-from trunk_ocp.solution import Plan, Status
-from trunk_ocp.storage import dataset, load_plan, save_plan
+from trunk_ocp.planning.checkpoint import Checkpoint
+from trunk_ocp.planning.plan import Plan, Status
+from trunk_ocp.planning.planner import Pass, plan_motion
+from trunk_ocp.planning.storage import dataset, load_plan, save_plan
+from trunk_ocp.problem.motion import Motion, load_motion
 
 from .answers import wrongs
 from .mutations import HOSTILE, places

@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_bvp
 
-from trunk_ocp.anatomy import AnatomySpec, Trunk, build_trunk
 from trunk_ocp.errors import InputError, StaticsError
-from trunk_ocp.loads import Loads
-from trunk_ocp.motion import build_motion
-from trunk_ocp.planner import Options, plan_motion
-from trunk_ocp.problem_file import ProblemSpec
-from trunk_ocp.solution import Plan, Status
-from trunk_ocp.statics import Shape, solve_statics
+from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.plan import Plan, Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.problem.motion import build_motion
+from trunk_ocp.problem.problem_file import ProblemSpec
+from trunk_ocp.rod.statics import Shape, solve_statics
 from trust import reference
 from trust.trial import Deadline
 

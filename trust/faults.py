@@ -26,9 +26,9 @@ from typing import Any
 
 import xarray as xr
 
-from trunk_ocp.checkpoint import FILE
+from trunk_ocp.planning.checkpoint import FILE
 
-COMMAND = [sys.executable, "-c", "from trunk_ocp.cli import solve; solve()"]
+COMMAND = [sys.executable, "-c", "from trunk_ocp.cli.solve import solve; solve()"]
 PROBLEMS = ("lift-log", "lift-log-asymmetric", "pick-fruit")
 MODES = (("--mode", "sequential"), ("--mode", "horizon"), ("--mode", "both"), ("--lookahead", "3"))
 KINDS = ("kill", "kill", "kill", "interrupt", "two interrupts", "no room")  # kill most often

@@ -25,9 +25,9 @@ from typing import Any
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from trunk_ocp.motion import load_motion
-from trunk_ocp.planner import plan_motion
-from trunk_ocp.storage import dataset, save_plan
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import dataset, save_plan
+from trunk_ocp.problem.motion import load_motion
 
 from .mutations import HOSTILE, damaged, mutated
 from .toml import toml

@@ -34,7 +34,9 @@ AT_ONCE = 1.0  # s, from the second Ctrl-C to the end
 PATIENCE = 120.0  # s from one signal to the end; a figure or a window may have to be finished
 KINDS = ("once", "once", "twice", "terminated")
 BEGUN = "begun"
-COMMAND = f"from trunk_ocp.entry import trunk_ocp as f; import os; os.write(2, b'{BEGUN}\\n'); f()"
+COMMAND = (
+    f"from trunk_ocp.cli.entry import trunk_ocp as f; import os; os.write(2, b'{BEGUN}\\n'); f()"
+)
 PROBLEM = """
 name = "point"
 [bounds]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from trunk_ocp.solution import Status
+from trunk_ocp.planning.plan import Status
 
 HEAD = """# Reliability
 

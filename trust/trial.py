@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.motion import Motion, load_motion
-from trunk_ocp.planner import Options, plan_motion
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.storage import load_plan
+from trunk_ocp.problem.motion import Motion, load_motion
 from trunk_ocp.reporting import Progress, Reporter
-from trunk_ocp.solution import Status
-from trunk_ocp.storage import load_plan
 
 from .answers import wrongs
 

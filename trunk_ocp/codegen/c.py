@@ -15,9 +15,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from ..activation import stiffness
 from ..errors import TrunkError
-from ..rotations import directors, product
+from ..model.activation import stiffness
+from ..model.quaternions import directors, product
 from .foreign import c_literal
 from .model import DEGREE, Model
 from .request import Request

@@ -12,9 +12,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..collocation import gauss
-from ..rotations import directors, product
-from ..statics import DEFECT
+from ..model.quaternions import directors, product
+from ..rod.collocation import gauss
+from ..rod.statics import DEFECT
 from .model import OUTPUTS, Model
 from .space_rod import base, rates, report, spiral, turn
 

@@ -13,10 +13,10 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from ..activation import strains
-from ..anatomy import Trunk
 from ..errors import InputError, StaticsError
-from ..loads import mass_beyond
+from ..model.activation import strains
+from ..model.anatomy import Trunk
+from ..model.loads import mass_beyond
 from . import casadi_function
 from .model import Layout, Model, reference
 from .request import Request

@@ -9,7 +9,7 @@ import math
 
 import sympy as sp
 
-from ..anatomy import Muscle, Trunk
+from ..model.anatomy import Muscle, Trunk
 from .notation import SYMBOL, Formula, names, total
 
 DIGITS = 50

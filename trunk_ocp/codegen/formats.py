@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from ..anatomy import Trunk
+from .._support.atomic_files import alone
 from ..errors import InputError
-from ..files import alone
-from ..loads import Loads, check_contact
-from ..motion import Motion
+from ..model.anatomy import Trunk
+from ..model.loads import Loads, check_contact
+from ..problem.motion import Motion
 from .cases import check_files, resolved
 from .model import FEWEST, build_model
 from .own_files import Files, write_files

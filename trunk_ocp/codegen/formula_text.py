@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
-from ..anatomy import Muscle, Trunk
+from ..model.anatomy import Muscle, Trunk
 from . import closed_forms as forms
 from .foreign import in_latex, python_literal
 from .notation import SCALARS, Formula, tex

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..activation import radial_integrals, strain_matrix, strains
-from ..anatomy import Muscle, Trunk
 from ..errors import InputError
-from ..rotations import directors
-from ..unloaded import unloaded_states
+from ..model.activation import radial_integrals, strain_matrix, strains
+from ..model.anatomy import Muscle, Trunk
+from ..model.quaternions import directors
+from ..rod.unloaded import unloaded_states
 from .request import CheckError, Request, ToolMissingError
 from .running import in_a_copy, run
 from .texts import template

@@ -14,13 +14,19 @@ from functools import cached_property
 
 import numpy as np
 
-from ..activation import mean_extension, segment_at, segment_fractions, stiffness, strain_matrix
-from ..activation import strains as strains_of
-from ..anatomy import Trunk
-from ..collocation import Mesh, gauss, mesh_for
 from ..errors import InputError
-from ..loads import Loads, contact_share, couple_density, internal_force, mass_beyond, vector
-from ..statics import solve_statics
+from ..model.activation import (
+    mean_extension,
+    segment_at,
+    segment_fractions,
+    stiffness,
+    strain_matrix,
+)
+from ..model.activation import strains as strains_of
+from ..model.anatomy import Trunk
+from ..model.loads import Loads, contact_share, couple_density, internal_force, mass_beyond, vector
+from ..rod.collocation import Mesh, gauss, mesh_for
+from ..rod.statics import solve_statics
 from .space_rod import MOMENTS
 
 DEGREE = 6

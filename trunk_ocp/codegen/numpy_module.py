@@ -10,7 +10,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from ..python_source import python_source
+from .._support.casadi_to_python import python_source
 from . import space_rod
 from .foreign import python_literal
 from .model import OUTPUTS, Model

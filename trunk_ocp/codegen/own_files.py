@@ -11,9 +11,9 @@ import hashlib
 import json
 from pathlib import Path
 
+from .._support.atomic_files import write
+from .._support.toml_files import read_bytes
 from ..errors import InputError
-from ..files import write
-from ..reading import read_bytes
 
 Files = dict[str, str | bytes]
 MANIFEST = "export.json"

@@ -10,7 +10,7 @@ Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled 
     nlp_hess_l  (x, p, lam_f, lam_g)  ->  upper triangle of the Hessian of lam_f f + lam_g . g
 
 The motion's parameters are inside; p is a change of them, zero if left out. Lengths are in units
-of L, moments in E I(0) / L, as in `transcription`; `programme_layout` says what is what.
+of L, moments in E I(0) / L, as in `nlp.window`; `programme_layout` says what is what.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ import casadi as ca
 import numpy as np
 
 from ..errors import InputError
-from ..planner import Options, Pass, State, first_mesh
-from ..solver import Optimiser
-from ..transcription import Window
+from ..nlp.ipopt import Optimiser
+from ..nlp.window import Window
+from ..planning.planner import Options, Pass, State, first_mesh
 from .foreign import in_comment
 from .programme_layout import layout
 from .request import Request

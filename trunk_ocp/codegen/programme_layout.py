@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ..assembly import Block
-from ..separable import Programme
-from ..terms import squared_direction, squared_held_direction
-from ..transcription import Window
+from ..nlp.nlp_builder import Block
+from ..nlp.point_functions import squared_direction, squared_held_direction
+from ..nlp.separable_nlp import Programme
+from ..nlp.window import Window
 
 ABOUT = (
     "Minimise f(x) subject to lower <= x <= upper and lower <= g(x) <= upper. Ranges of x, g and p "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import TrunkError
-from ..motion import Motion
+from ..problem.motion import Motion
 from .model import Model
 
 

@@ -19,9 +19,9 @@ from functools import cache
 
 import casadi as ca
 
-from ..anatomy import Head
-from ..head import base_pose
-from ..rotations import cross, directors, dot, product
+from ..model.anatomy import Head
+from ..model.head import base_pose
+from ..model.quaternions import cross, directors, dot, product
 
 TERMS = 10  # of a series in theta^2 <= 1: the next one is 1 / 20! of the first
 MOMENTS = 2 * TERMS + 1

@@ -5,9 +5,9 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-from ..anatomy import Trunk, anatomies_folder, load_anatomy
-from ..motion import Motion, load_motion, problems_folder
-from ..reading import LARGEST_FILE, read_bytes, shipped
+from .._support.toml_files import LARGEST_FILE, read_bytes, shipped
+from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
+from ..problem.motion import Motion, load_motion, problems_folder
 
 
 def load_subject(name_or_path: str) -> Motion | Trunk:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..provenance import versions
+from .._support.provenance import versions
 from .foreign import in_comment
 from .model import OUTPUTS
 from .request import Request

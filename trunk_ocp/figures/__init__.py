@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..anatomy import Trunk
-from ..foresight import Foresight
-from ..solution import Plan
+from ..analysis.lookahead_study import Foresight
+from ..model.anatomy import Trunk
+from ..planning.plan import Plan
 from .activations import draw_activations
 from .anatomy import draw_anatomy as _draw_anatomy
 from .comparison import draw_two_plans

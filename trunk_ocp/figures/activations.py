@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..colours import group_colours, groups
-from ..limits import limits, touching
-from ..motion import HEAD_LIMIT, Motion
-from ..solution import Plan
+from ..planning.active_bounds import limits, touching
+from ..planning.plan import Plan
+from ..problem.motion import HEAD_LIMIT, Motion
+from ..scene.colors import group_colours, groups
+from ..scene.moments import curve_times, curves, end_of
 from . import style
-from .instants import curve_times, curves, end_of
 
 MOST_DOTS = 60  # time steps that are told apart in a panel
 LEAST_RANGE = 2.0  # deg, of a panel of a head that hardly turns

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 
-from ..anatomy import Muscle, Trunk
-from ..colours import group_colours, groups
-from ..geometry import muscle_body, outline
-from ..loads import Loads
-from ..statics import Shape, solve_statics
+from ..model.anatomy import Muscle, Trunk
+from ..model.loads import Loads
+from ..rod.statics import Shape, solve_statics
+from ..scene.body import muscle_body, outline
+from ..scene.colors import group_colours, groups
 from . import style
 from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ..colours import group_colours, groups
-from ..comparison import time_at_bounds
-from ..limits import limits, touching
-from ..solution import Plan
+from ..analysis.measures import time_at_bounds
+from ..planning.active_bounds import limits, touching
+from ..planning.plan import Plan
+from ..scene.colors import group_colours, groups
+from ..scene.moments import curve_times, curves, end_of, trajectory
 from . import style
 from .activations import draw_bounds
-from .instants import curve_times, curves, end_of, trajectory
 
 SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
 

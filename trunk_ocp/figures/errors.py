@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from ..solution import Plan
+from ..planning.plan import Plan
+from ..scene.moments import end_of
 from . import style
-from .instants import end_of
 
 MOST_NAMED = 8  # points of the trunk in a legend
 ALONG = "cividis"  # targets, from base to tip; no muscle has these colours' meaning

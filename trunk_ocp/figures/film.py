@@ -18,17 +18,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
+from .._support.atomic_files import replacing
 from ..errors import InputError
-from ..files import replacing
-from ..geometry import muscle_body
-from ..interpolation import with_marks
-from ..solution import Plan
+from ..planning.plan import Plan
+from ..problem.interpolation import with_marks
+from ..scene.body import muscle_body
+from ..scene.moments import SAME, Instant, end_of, instants
+from ..scene.surroundings import Log, head_sphere, log_at
 from . import style
-from .instants import SAME, Instant, end_of, instants
 from .muscles import ACTIVATION, DARKEST, MARGIN, SECTIONS, VIEWS, strongest
 from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
 from .shapes import WOOD, cargo
-from .things import Log, head_sphere, log_at
 
 RATE = 15  # frames per second of film
 SLOWER = 2  # times as long as the motion, which takes two to four seconds

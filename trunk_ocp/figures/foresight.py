@@ -14,10 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
-from ..comparison import Measures
-from ..foresight import Foresight
-from ..limits import touching
-from ..solution import Plan, Status
+from ..analysis.lookahead_study import Foresight
+from ..analysis.measures import Measures
+from ..planning.active_bounds import touching
+from ..planning.plan import Plan, Status
 from . import style
 
 PAPER, COSTED, BLIND, HORIZON = "#D55E00", "#E69F00", "#56B4E9", "#000000"

@@ -12,13 +12,13 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from ..anatomy import Trunk
-from ..colours import group_colours, groups
-from ..geometry import muscle_body
-from ..limits import limits
-from ..solution import Plan
+from ..model.anatomy import Trunk
+from ..planning.active_bounds import limits
+from ..planning.plan import Plan
+from ..scene.body import muscle_body
+from ..scene.colors import group_colours, groups
+from ..scene.moments import Instant, end_of, instants, through
 from . import style
-from .instants import Instant, end_of, instants, through
 from .scene import Surface, extent, facets_of, frame, measure, paint, towards
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..colours import group_colours, groups
-from ..redundancy import Redundancy
-from ..solution import Plan
+from ..analysis.redundancy import Redundancy
+from ..planning.plan import Plan
+from ..scene.colors import group_colours, groups
+from ..scene.moments import end_of, trajectory
 from . import style
-from .instants import end_of, trajectory
 
 PALE, DARK = 0.22, 0.5  # how much of its colour a band keeps; opaque, to hide the phases' shades
 ROW = 13.5  # mm

@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
-from ..geometry import Body
+from ..scene.body import Body
 
 LIGHT = (-0.4, -0.6, 0.7)  # from the upper left, towards the reader
 DARKEST = 0.55  # of a colour, where no light falls

@@ -14,12 +14,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
-from ..colours import MASS
-from ..geometry import frames, swept
-from ..solution import Plan
-from ..wording import rounded
+from .._support.wording import rounded
+from ..planning.plan import Plan
+from ..scene.body import frames, swept
+from ..scene.colors import MASS
+from ..scene.moments import Instant, instants, within_phase
+from ..scene.surroundings import Log, Mark, carried, head_sphere, log_at, marks, steps_of
 from . import style
-from .instants import Instant, instants, within_phase
 from .scene import (
     FACETS,
     VIEWS,
@@ -33,7 +34,6 @@ from .scene import (
     measure,
     paint,
 )
-from .things import Log, Mark, carried, head_sphere, log_at, marks, steps_of
 
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
 WOOD = "#B08D57"

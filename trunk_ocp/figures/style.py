@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 from matplotlib.patches import Patch
 
-from ..anatomy import Muscle, Trunk
+from .._support.atomic_files import replacing
 from ..errors import TrunkError
-from ..files import replacing
-from ..motion import Motion
-from ..solution import Plan, Status
+from ..model.anatomy import Muscle, Trunk
+from ..planning.plan import Plan, Status
+from ..problem.motion import Motion
 
 NAMES = {
     "dl": "dorsal longitudinal",

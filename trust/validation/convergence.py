@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from trunk_ocp.anatomy import Trunk
-from trunk_ocp.collocation import Mesh
-from trunk_ocp.loads import Loads
-from trunk_ocp.statics import Shape, solve_statics
+from trunk_ocp.model.anatomy import Trunk
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.collocation import Mesh
+from trunk_ocp.rod.statics import Shape, solve_statics
 from trust import reference
 
 from .case import Case, Values, flat

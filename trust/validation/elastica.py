@@ -11,9 +11,9 @@ from scipy.linalg import eigvalsh_tridiagonal
 from scipy.optimize import brentq, root
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.loads import Loads
-from trunk_ocp.statics import Shape, solve_statics
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import Shape, solve_statics
 
 from .case import Case, Values
 from .rods import NONE, activation_for, bender, wire

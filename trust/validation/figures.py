@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
-from trunk_ocp.colours import MUSCLES, OTHERS
 from trunk_ocp.figures.style import FAINT, INK, new_figure, styled
+from trunk_ocp.scene.colors import MUSCLES, OTHERS
 
 from . import beams, convergence, elastica, limits
 from .rods import elephant, rod, untapered

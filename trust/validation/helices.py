@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from trunk_ocp.activation import strains
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.loads import Loads
-from trunk_ocp.rotations import directors
-from trunk_ocp.statics import solve_statics
-from trunk_ocp.unloaded import unloaded_states
+from trunk_ocp.model.activation import strains
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.quaternions import directors
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
 from .case import Case, Held, Values, flat

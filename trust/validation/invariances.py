@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from trunk_ocp.activation import intrinsic_strain
-from trunk_ocp.anatomy import build_trunk, read_anatomy
-from trunk_ocp.loads import Loads, vector
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.activation import intrinsic_strain
+from trunk_ocp.model.anatomy import build_trunk, read_anatomy
+from trunk_ocp.model.loads import Loads, vector
+from trunk_ocp.rod.statics import solve_statics
 
 from .case import Case, Held, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads

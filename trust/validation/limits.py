@@ -9,9 +9,9 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
-from trunk_ocp.activation import radial_integrals, strain_matrix
-from trunk_ocp.anatomy import Muscle, Trunk
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.activation import radial_integrals, strain_matrix
+from trunk_ocp.model.anatomy import Muscle, Trunk
+from trunk_ocp.rod.statics import solve_statics
 
 from .case import Case, Held, Values
 from .rods import EVERYTHING, contractions, elephant, heads, rod, untapered

@@ -61,7 +61,7 @@ the stiffness stated there is 0.004 in from ours. GXBeam's test, 16 elements, is
 
 **Known before:** eq. (30) lacks 1/L; eq. (40) divides the twist by the extension once too often
 (both held by tests above); eq. (30) keeps the volume only where sections extend alike
-(`trunk_ocp/geometry.py`).
+(`trunk_ocp/scene/body.py`).
 """
 
 COLUMNS = ("case", "source", "error", "tolerance, and why")

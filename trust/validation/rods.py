@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from trunk_ocp.activation import strain_matrix
-from trunk_ocp.anatomy import AnatomySpec, Trunk, build_trunk, load_anatomy
-from trunk_ocp.loads import Loads
+from trunk_ocp.model.activation import strain_matrix
+from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk, load_anatomy
+from trunk_ocp.model.loads import Loads
 
 NONE = np.zeros(0)  # activation of a rod without muscles
 HORIZONTAL = (0.0, math.pi / 2)  # head angles: the default clamp turned from +Z to +X

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from scipy.integrate import quad, solve_bvp
 
-from trunk_ocp.activation import strain_matrix
-from trunk_ocp.collocation import mesh_for
-from trunk_ocp.loads import mass_beyond
-from trunk_ocp.statics import solve_statics
+from trunk_ocp.model.activation import strain_matrix
+from trunk_ocp.model.loads import mass_beyond
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
 from .case import Case, Held, Values, flat

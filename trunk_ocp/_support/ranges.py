@@ -1,0 +1,71 @@
+"""Ranges of all numbers that a user may choose, on the command line and in Python, each once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..errors import InputError
+
+SHOWN = 30  # characters of a value in a message
+
+
+@dataclass(frozen=True)
+class Range:
+    """The values that an option may have; without its ends `lowest` if `above`."""
+
+    lowest: float
+    highest: float
+    whole: bool = True
+    above: bool = False
+
+    def __contains__(self, value: object) -> bool:
+        if isinstance(value, bool) or not isinstance(value, int if self.whole else (int, float)):
+            return False
+        if isinstance(value, float) and math.isnan(value):
+            return False
+        low = self.lowest < value if self.above else self.lowest <= value
+        return low and value <= self.highest
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        low, high = (f"{n:,}" if self.whole else f"{n:g}" for n in (self.lowest, self.highest))
+        return f"{kind} {'above' if self.above else 'from'} {low} up to {high}"
+
+
+RANGES = {
+    "max_iterations": Range(1, 1_000_000),
+    "starts": Range(1, 10_000),
+    "random starts": Range(0, 100_000),
+    "lookahead": Range(1, 1_000_000),
+    "seed": Range(0, 2**63 - 1),
+    "processes": Range(1, 1_000),
+    "elements": Range(1, 1_000),
+    "degree": Range(1, 20),
+    "activation limit": Range(0, 1e6, whole=False, above=True),
+    "rate limit": Range(0, 1e9, whole=False, above=True),
+    "Z": Range(0, 1e6, whole=False),
+}
+
+
+def check(value: object, kind: str, name: str = "") -> None:
+    """Raise InputError if a value is not within its range.
+
+    Parameters
+    ----------
+    kind : str
+        Key of `RANGES`.
+    name : str, optional
+        What the value is called where it was given, if not `kind`.
+    """
+    if value not in RANGES[kind]:
+        raise InputError(f"{name or kind} = {shown(value)}: expected {RANGES[kind]}.")
+
+
+def shown(value: object) -> str:
+    """A value for a message, of thousands of digits or not."""
+    try:
+        text = str(value)
+    except ValueError:  # Python writes no whole numbers of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}... ({len(text):,} characters)"

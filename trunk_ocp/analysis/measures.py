@@ -1,0 +1,153 @@
+"""What a plan achieves and what it costs, in numbers to compare ways of planning by."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..nlp.window import Weights
+from ..planning.active_bounds import touching
+from ..planning.plan import Plan, squared_rate
+
+REVERSAL = 0.1
+"""How far an activation must come and go back for its turn to count as a reversal (no unit)."""
+
+DEFINITIONS: dict[str, tuple[str, str]] = {
+    "status": ("", "how the plan ended, as in summary.json"),
+    "planner_objective": ("", "what a planner minimises: tracking + effort + rate, weighted"),
+    "paper_objective": ("", "J of eq. (42), distances not squared, summed over time steps"),
+    "tracking": ("", "weighted squared distances of all targets, summed over time steps"),
+    "worst_position_error": ("m", "largest distance to a target"),
+    "mean_position_error": ("m", "mean distance to a target, over all targets of all steps"),
+    "worst_direction_error": ("", "largest length of the error of a director"),
+    "squared_activation": ("", "sum over muscles and time steps of the squared activations"),
+    "squared_rate": (
+        "1/s",
+        "integral over time of the squared rates of activations and head angles, of straight "
+        "lines between time steps, from rest on",
+    ),
+    "total_variation": (
+        "",
+        "sum over muscles of the sizes of all changes from step to step, that from rest to step 1 "
+        "left out",
+    ),
+    "largest_change": (
+        "",
+        "largest change of one activation between two steps, that from rest to step 1 left out",
+    ),
+    "reversals": (
+        "",
+        f"turns, summed over muscles, before and after which an activation moves by more than "
+        f"{REVERSAL:g}; from step 1 on",
+    ),
+    "time_at_bound": (
+        "s",
+        "time at the bound of contraction, summed over muscles; a step counts for its duration",
+    ),
+    "saturated_muscles": ("", "number of muscles that are ever at their bound of contraction"),
+    "head_travel": ("rad", "sum of the sizes of all changes of both head angles, from rest on"),
+    "change_excess": (
+        "",
+        "largest excess over the bounds on change between consecutive steps; a sequential plan "
+        "that follows auxiliary solutions may have one",
+    ),
+    "iterations": ("", "of the optimiser, those of the plan it starts from included"),
+    "seconds": ("s", "wall time of the plan, the plan it starts from included"),
+}
+"""Unit and meaning of each measure; "" where there is no unit."""
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What a plan achieves and what it costs; `DEFINITIONS` has units and meanings."""
+
+    status: str
+    planner_objective: float
+    paper_objective: float
+    tracking: float
+    worst_position_error: float
+    mean_position_error: float
+    worst_direction_error: float
+    squared_activation: float
+    squared_rate: float
+    total_variation: float
+    largest_change: float
+    reversals: int
+    time_at_bound: float
+    saturated_muscles: int
+    head_travel: float
+    change_excess: float
+    iterations: int
+    seconds: float
+
+
+def measure(plan: Plan, weights: Weights | None = None) -> Measures:
+    """Measures of one plan; its objective by other weights than its own if they are given."""
+    weights = weights or plan.weights
+    positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
+    directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
+    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
+    change = np.diff(x, axis=0)
+    steps = plan.motion.steps[: len(plan.x)]
+    excess = [
+        np.maximum(step.change.lower - dx, dx - step.change.upper).max()
+        for step, dx in zip(steps, change, strict=True)
+    ]
+    effort, rate = float(np.sum(plan.activations**2)), squared_rate(plan)
+    tracking = plan.objective.tracking
+    return Measures(
+        status=plan.status.name.lower(),
+        planner_objective=tracking + weights.effort * effort + weights.rate * rate,
+        paper_objective=plan.objective.paper,
+        tracking=tracking,
+        worst_position_error=float(positions.max(initial=0.0)),
+        mean_position_error=float(positions.mean()) if positions.size else 0.0,
+        worst_direction_error=float(directions.max(initial=0.0)),
+        squared_activation=effort,
+        squared_rate=rate,
+        total_variation=float(np.abs(change[1:, :-2]).sum()),
+        largest_change=float(np.abs(change[1:, :-2]).max(initial=0.0)),
+        reversals=sum(reversals(curve) for curve in plan.activations.T),
+        time_at_bound=time_at_bounds(plan),
+        saturated_muscles=int(touching(plan)[0][:, :-2].any(axis=0).sum()),
+        head_travel=float(np.abs(change[:, -2:]).sum()),
+        change_excess=max(0.0, float(max(excess, default=0.0))),
+        iterations=plan.iterations,
+        seconds=plan.total_seconds,
+    )
+
+
+def reversals(curve: np.ndarray, least: float = REVERSAL) -> int:
+    """How often a curve (H,) turns, small wiggles left out.
+
+    A turn counts where the curve has come by more than `least` since the turn before, and goes
+    back by more than that.
+    """
+    count, way = 0, 0  # +1 rising, -1 falling, 0 neither so far
+    lowest, highest = np.inf, -np.inf
+    for value in curve.tolist():
+        lowest, highest = min(lowest, value), max(highest, value)
+        if way <= 0 and value - lowest > least:
+            count += way < 0
+            way, highest = 1, value
+        elif way >= 0 and highest - value > least:
+            count += way > 0
+            way, lowest = -1, value
+    return count
+
+
+def time_at_bounds(plan: Plan) -> float:
+    """Time in s that muscles are at their bound of contraction, summed over muscles.
+
+    Each time step counts for its duration.
+    """
+    below, _ = touching(plan)
+    durations = [step.duration for step in plan.motion.steps[: len(plan.x)]]
+    return float(below[:, :-2].sum(axis=1) @ np.array(durations))
+
+
+def compare(sequential: Plan, horizon: Plan) -> dict[str, dict[str, Any]]:
+    """Measures of both plans of one motion, by the names of their modes."""
+    return {plan.mode: asdict(measure(plan)) for plan in (sequential, horizon)}

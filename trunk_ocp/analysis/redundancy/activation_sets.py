@@ -1,0 +1,203 @@
+"""All activations that leave a planned motion as it is: polytopes, one for each segment.
+
+Activation enters the rod through four strain numbers a segment, linear in the activations
+(`strain_matrix`). Two activations with the same strains have the same shape under any load, so
+those that keep a planned shape solve four linear equations for each segment and step, within
+the bounds. Segments share no muscle; time steps are joined by bounds on change alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.optimize import linprog
+
+from ...errors import InputError
+from ...model.activation import strain_matrix
+from ...planning.plan import Plan
+from ...problem.motion import allowed
+
+ACCURACY = 1e-9  # of the linear programmes, in activations
+ROUND_OFF = 1e-10  # of the strongest effect on strains, that counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class Fibre:
+    """Activations of one segment at consecutive steps that leave the planned strains.
+
+    The set {z : strain @ z = target, least <= change @ z <= most, lower <= z <= upper} of
+    vectors z (n,), n = steps * muscles, step by step.
+
+    Attributes
+    ----------
+    steps, muscles : (steps,), (muscles,)
+        Indices into the plan's activations.
+    matrix : (rank, muscles)
+        Orthonormal rows that fix the strains of one step; of rank 4, as a rule.
+    difference : (n, n)
+        Change from the step before; the first step's is z itself, the change from rest.
+    bounded : (k,)
+        Rows of `difference` that have bounds.
+    """
+
+    steps: np.ndarray
+    muscles: np.ndarray
+    matrix: np.ndarray
+    target: np.ndarray
+    difference: sp.csr_array
+    bounded: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    @cached_property
+    def strain(self) -> sp.csr_array:
+        """Rows that fix the strains of all steps, (rank * steps, n)."""
+        return sp.csr_array(sp.block_diag([self.matrix] * len(self.steps)))
+
+    @cached_property
+    def change(self) -> sp.csr_array:
+        """Changes that have bounds, (k, n)."""
+        return self.difference[self.bounded]
+
+    @property
+    def where(self) -> tuple[np.ndarray, np.ndarray]:
+        """Index of z, as (steps, muscles), in a plan's activations."""
+        rows, columns = np.ix_(self.steps, self.muscles)
+        return rows, columns
+
+    def table(self, z: np.ndarray) -> np.ndarray:
+        """Activations (steps, muscles) of a point z."""
+        return z.reshape(len(self.steps), len(self.muscles))
+
+    def without(self, off: np.ndarray) -> Fibre:
+        """The part of the set, maybe none, in which some of the plan's muscles stay at rest."""
+        silent = np.tile(np.isin(self.muscles, off), len(self.steps))
+        return replace(
+            self,
+            lower=np.where(silent, np.maximum(self.lower, 0.0), self.lower),
+            upper=np.where(silent, np.minimum(self.upper, 0.0), self.upper),
+        )
+
+
+def fibres(plan: Plan, joint: bool) -> list[Fibre]:
+    """Sets of activations with the plan's shapes, whose product is all there are.
+
+    Bounds are those the plan itself has to keep (`verify`): in a sequential plan, near the
+    auxiliary solutions of appendix B. Where the plan exceeds one by round-off, it counts as
+    kept.
+
+    Parameters
+    ----------
+    joint : bool
+        Whether the bounds on change hold, so that a set spans all steps; otherwise each step
+        has its own.
+
+    Raises
+    ------
+    InputError
+        If the plan is not a verified one of all time steps.
+    """
+    if not plan.verified:
+        raise InputError(
+            f"{plan.motion.name}, {plan.mode}: {plan.status.value}. Expected a verified plan of "
+            "all time steps; plan the motion first."
+        )
+    count = len(plan.x)
+    runs = [np.arange(count)] if joint else [np.array([t]) for t in range(count)]
+    segments = range(plan.motion.trunk.segments)
+    found = [_fibre(plan, segment, steps, joint) for segment in segments for steps in runs]
+    return [fibre for fibre in found if len(fibre.muscles)]
+
+
+def chains(fibre: Fibre) -> list[Fibre]:
+    """A set over all steps as a product: cut between steps that no bound on change joins."""
+    size = len(fibre.muscles)
+    joined = np.zeros(len(fibre.steps), dtype=bool)
+    joined[fibre.bounded // size] = True
+    starts = [0, *(t for t in range(1, len(joined)) if not joined[t]), len(joined)]
+    return [_cut(fibre, a, b) for a, b in pairwise(starts)]
+
+
+def _cut(fibre: Fibre, first: int, last: int) -> Fibre:
+    """Steps first to last - 1 of a set, if no bound on change joins them to the others."""
+    rank, size = fibre.matrix.shape
+    a, b = first * size, last * size
+    inside = (fibre.bounded >= a) & (fibre.bounded < b)
+    return replace(
+        fibre,
+        steps=fibre.steps[first:last],
+        target=fibre.target[rank * first : rank * last],
+        difference=fibre.difference[a:b, a:b],
+        bounded=fibre.bounded[inside] - a,
+        least=fibre.least[inside],
+        most=fibre.most[inside],
+        lower=fibre.lower[a:b],
+        upper=fibre.upper[a:b],
+    )
+
+
+def _fibre(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Fibre:
+    motion = plan.motion
+    trunk = motion.trunk
+    muscles = np.flatnonzero([muscle.segment == segment for muscle in trunk.subdomains])
+    matrix = _rows(strain_matrix(trunk)[segment][:, muscles], trunk.base_radius)
+    x = plan.activations[np.ix_(steps, muscles)]
+    z = x.ravel()
+    boxes = [allowed(motion, motion.steps[t], plan.near.get(t)) for t in steps.tolist()]
+    n, m = len(z), len(muscles)
+    difference = sp.csr_array(sp.eye_array(n) - sp.eye_array(n, k=-m))
+    change = [motion.steps[t].change for t in steps.tolist()]
+    held = np.array([joint and t not in plan.near for t in steps.tolist()])[:, None]
+    least = np.where(held, [box.lower[muscles] for box in change], -np.inf).ravel()
+    most = np.where(held, [box.upper[muscles] for box in change], np.inf).ravel()
+    bounded = np.flatnonzero(np.isfinite(least) | np.isfinite(most))
+    dz = (difference @ z)[bounded]
+    return Fibre(
+        steps,
+        muscles,
+        matrix,
+        (x @ matrix.T).ravel(),
+        difference,
+        bounded,
+        np.minimum(least[bounded], dz),
+        np.maximum(most[bounded], dz),
+        np.minimum(np.array([box.lower[muscles] for box in boxes]).ravel(), z),
+        np.maximum(np.array([box.upper[muscles] for box in boxes]).ravel(), z),
+    )
+
+
+def _rows(A: np.ndarray, radius: float) -> np.ndarray:
+    """Orthonormal rows (rank, muscles) that fix a segment's strains A (4, muscles) @ gamma.
+
+    Curvatures count times the base radius (m), to compare with extensions. What is round-off,
+    such as the effect of muscles that cannot twist on twist, asks for nothing.
+    """
+    _, sizes, rows = np.linalg.svd(A * np.array([1.0, radius, radius, radius])[:, None])
+    kept: np.ndarray = rows[: len(sizes)][sizes > ROUND_OFF * sizes.max(initial=0.0)]
+    return kept
+
+
+def minimise(parts: Sequence[tuple[np.ndarray, Fibre]]) -> list[np.ndarray]:
+    """Points z (n,) of sets at which linear costs (n,) are least: one sparse programme for all."""
+    sets = [fibre for _, fibre in parts]
+    inequalities = sp.block_diag([sp.vstack([f.change, -f.change]) for f in sets], format="csr")
+    result = linprog(
+        np.concatenate([cost for cost, _ in parts]),
+        A_ub=inequalities,
+        b_ub=np.concatenate([np.concatenate([f.most, -f.least]) for f in sets]),
+        A_eq=sp.block_diag([f.strain for f in sets], format="csr"),
+        b_eq=np.concatenate([f.target for f in sets]),
+        bounds=np.concatenate([np.stack([f.lower, f.upper], axis=1) for f in sets]),
+        method="highs",
+        options={"primal_feasibility_tolerance": ACCURACY, "dual_feasibility_tolerance": ACCURACY},
+    )
+    if result.status != 0:  # each set has the plan in it, and bounds
+        raise AssertionError(f"a linear programme failed: {result.message}")
+    return np.split(result.x, np.cumsum([len(cost) for cost, _ in parts])[:-1])

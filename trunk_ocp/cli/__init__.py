@@ -1,0 +1,1 @@
+"""Command line: `solve-motion` and `trunk-ocp`."""

@@ -1,0 +1,27 @@
+"""Where the head holds the base of the trunk (eqs. 35-39); for numbers and CasADi symbols."""
+
+from __future__ import annotations
+
+from .anatomy import Head
+from .quaternions import Scalar, about_y, about_z, directors, product
+
+
+def base_pose(
+    head: Head, psi_z: Scalar, psi_y: Scalar
+) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Scalar, Scalar, Scalar, Scalar]]:
+    """Base position r_0 in m and orientation quaternion at head angles psi in radians.
+
+    The base moves on a sphere about S (eq. 35) with the head's rotation, which carries the
+    clamping directions along (eqs. 38, 39). With psi = 0 it is at r_D = 0.
+    """
+    turn = product(about_z(psi_z), about_y(psi_y))
+    rest = product(about_z(head.xi_z), about_y(head.xi_y))
+    s = directors(product(turn, rest))[2]  # eq. (37)
+    s_default = directors(rest)[2]  # eq. (36)
+    r = head.pivot_radius
+    position = (
+        r * (s[0] - s_default[0]),
+        r * (s[1] - s_default[1]),
+        r * (s[2] - s_default[2]),
+    )
+    return position, product(turn, product(about_z(head.xi_z), about_y(head.xi_d)))

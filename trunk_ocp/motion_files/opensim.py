@@ -1,0 +1,73 @@
+"""Activations as an OpenSim storage file (.sto)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .._support.atomic_files import write
+from ..planning.plan import Plan
+from ..problem.interpolation import interpolate
+from ..scene.keyframes import check_steps
+
+RATE = 100.0  # rows a second, besides those at the time steps
+MOST = 100_000  # regular rows; of a motion beyond a quarter of an hour they are farther apart
+SAME = 1e-6  # s; a regular row this near to a time step would be the same row again
+
+
+def write_sto(plan: Plan, path: str | Path) -> Path:
+    """Write -activation of every muscle over time; returns the path.
+
+    Rows are 10 ms apart, or farther where there would be more than 100,000, from rest to the end
+    of the plan, with one more at each time step that falls between; values follow each phase's
+    interpolation.
+
+    Raises
+    ------
+    InputError
+        If the plan has no time steps, or the file cannot be written.
+    """
+    check_steps(plan)
+    steps = plan.motion.times[: len(plan.x)]
+    times = sto_times(steps)
+    known = np.concatenate([np.zeros((1, plan.activations.shape[1])), plan.activations])
+    values = [0.0 - interpolate(plan.motion, known, t) for t in times.tolist()]  # no "-0"
+    rows = [
+        "\t".join([f"{t:.9f}", *(f"{value:.9f}" for value in row)])
+        for t, row in zip(times.tolist(), values, strict=True)
+    ]
+    muscles = plan.motion.trunk.muscles
+    head = _header(plan, len(rows), 1 + len(muscles))
+    text = "\n".join([*head, "\t".join(["time", *muscles]), *rows]) + "\n"
+    return write(path, text.encode())
+
+
+def sto_times(steps: np.ndarray) -> np.ndarray:
+    """Times of the rows in s: every 10 ms from 0, or rarer, and the time steps (H,)."""
+    rate = min(RATE, MOST / float(steps[-1]))
+    regular = np.arange(int(steps[-1] * rate) + 1) / rate
+    after = np.searchsorted(steps, regular).clip(max=len(steps) - 1)
+    nearest = np.minimum(np.abs(regular - steps[after]), np.abs(regular - steps[after - 1]))
+    kept = regular[(nearest > SAME) & (regular < steps[-1])]
+    return np.sort(np.concatenate([kept, steps]))
+
+
+def _header(plan: Plan, rows: int, columns: int) -> list[str]:
+    """Lines before the column names. OpenSim keeps those without "=" as a comment."""
+    largest = 0.0 - float(plan.activations.min(initial=0.0))
+    return [
+        plan.motion.name,
+        "version=1",
+        f"nRows={rows}",
+        f"nColumns={columns}",
+        "inDegrees=no",
+        "",
+        "Units are S.I. units (second). Each column is a muscle of the trunk and holds minus the",
+        "activation gamma of the model, in which negative values contract; so here, as OpenSim",
+        "has it, 0 is passive and positive contracts. Values are not cut off or scaled: gamma is a",
+        f"strain of the fibres and may exceed OpenSim's 1 (largest here {largest:.4g}); divide by",
+        "the strongest contraction you allow if your muscles need 0 to 1.",
+        "",
+        "endheader",
+    ]

@@ -1,0 +1,203 @@
+"""Muscles and centerline as VTK files, one for each time step, with .pvd collections of times.
+
+Coordinates are the model's: X forwards, Y to the right, Z down, in m.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from .._support.atomic_files import write
+from ..model.anatomy import Trunk
+from ..planning.plan import Plan
+from ..rod.statics import Shape
+from ..scene.body import Body, muscle_body, trunk_body
+from ..scene.keyframes import Keyframes, at_steps
+
+PIECES = 40  # of the centerline in each segment
+TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
+
+
+def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
+    """Write `muscles.pvd` and `centerline.pvd`, which ParaView opens, and the files they list.
+
+    A file for each time step, and one more a millisecond after those at which loads jump.
+
+    The triangles of all muscles are cells with the arrays `muscle` (index in an activation
+    vector; the field array `muscle_names` names them), `activation`, `segment` (1 is at the base)
+    and `side` (1 right, -1 left). A trunk without muscles is one surface, its muscle -1. The
+    centerline has `Z` in m and `moment` in N m, along the directors, at its points, and
+    `extension`, |dr/dZ| at the middle of each piece; segment ends are points.
+
+    Raises
+    ------
+    InputError
+        If the plan has no time steps, or a file cannot be written.
+    """
+    folder = Path(folder)
+    frames = at_steps(plan)
+    trunk = plan.motion.trunk
+    muscles = [folder / f"muscles_{i:04d}.vtp" for i in range(len(frames.times))]
+    lines = [folder / f"centerline_{i:04d}.vtp" for i in range(len(frames.times))]
+    for path, content in zip(muscles, _muscle_files(trunk, frames), strict=True):
+        write(path, content)
+    for path, content in zip(lines, _line_files(trunk, frames), strict=True):
+        write(path, content)
+    # Last, so that a collection never lists a file that is not there yet.
+    return (
+        write(folder / "muscles.pvd", _collection(frames.times, muscles)),
+        write(folder / "centerline.pvd", _collection(frames.times, lines)),
+    )
+
+
+def _muscle_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
+    bodies, labels = _bodies(trunk, frames.shape)
+    counts = [len(body.triangles) for body in bodies]
+    starts = np.cumsum([0, *(body.vertices.shape[1] for body in bodies[:-1])])
+    cells = np.concatenate([b.triangles + s for b, s in zip(bodies, starts, strict=True)])
+    muscle, segment, side = np.repeat(np.array(labels, dtype="i4"), counts, axis=0).T
+    points = np.concatenate([body.vertices for body in bodies], axis=1)
+    known = np.concatenate([frames.activation, np.zeros((len(frames.times), 1))], axis=1)
+    constant = {"muscle": muscle, "segment": segment, "side": side}
+    return [
+        PolyData(
+            points[i],
+            "Polys",
+            cells,
+            {"activation": known[i, muscle], **constant},  # muscle -1 takes the last, a zero
+            names=trunk.muscles,
+            time=time,
+        ).xml()
+        for i, time in enumerate(frames.times.tolist())
+    ]
+
+
+def _bodies(trunk: Trunk, shape: Shape) -> tuple[list[Body], list[tuple[int, int, int]]]:
+    """Bodies of all muscles and their (muscle, segment, side)."""
+    if not trunk.subdomains:
+        return [trunk_body(trunk, shape)], [(-1, 0, 0)]
+    bodies = [muscle_body(trunk, muscle, shape) for muscle in trunk.subdomains]
+    labels = [
+        (i, muscle.segment + 1, 1 if muscle.side == "R" else -1)
+        for i, muscle in enumerate(trunk.subdomains)
+    ]
+    return bodies, labels
+
+
+def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
+    ends = zip(trunk.edges[:-1], trunk.edges[1:], strict=True)
+    Z = np.unique(np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in ends]))
+    cells = np.stack([np.arange(len(Z) - 1), np.arange(1, len(Z))], axis=-1)
+    points, moment = frames.shape.position(Z), frames.shape.moment(Z)
+    extension = _extension(frames.shape, Z)
+    return [
+        PolyData(
+            points[i],
+            "Lines",
+            cells,
+            {"extension": extension[i]},
+            {"Z": Z, "moment": moment[i]},
+            time=time,
+        ).xml()
+        for i, time in enumerate(frames.times.tolist())
+    ]
+
+
+def _extension(shape: Shape, Z: np.ndarray) -> np.ndarray:
+    """|dr/dZ| (H, n - 1) halfway between points Z (n,): of a stretch so short it is straight."""
+    middle, near = (Z[:-1] + Z[1:]) / 2, 1e-3 * np.diff(Z)
+    change = shape.position(middle + near) - shape.position(middle - near)
+    extension: np.ndarray = np.linalg.norm(change, axis=-1) / (2 * near)
+    return extension
+
+
+@dataclass(frozen=True, eq=False)
+class PolyData:
+    """A VTK surface or line in the file format of XML (.vtp).
+
+    points (v, 3); cells (c, k) of one kind, "Polys" or "Lines"; arrays of cells (c, ...) and of
+    points (v, ...); time in s.
+    """
+
+    points: np.ndarray
+    kind: str
+    cells: np.ndarray
+    cell_data: dict[str, np.ndarray]
+    point_data: dict[str, np.ndarray] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    time: float = 0.0
+
+    def xml(self) -> bytes:
+        """The file."""
+        count, corners = self.cells.shape
+        offsets = np.arange(1, count + 1, dtype="i4") * corners
+        lines = [
+            '<?xml version="1.0"?>',
+            '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" '
+            'header_type="UInt32" compressor="vtkZLibDataCompressor">',
+            "<PolyData><FieldData>",
+            _array("TimeValue", np.array([self.time]), "NumberOfTuples"),
+            *_names(self.names),
+            "</FieldData>",
+            f'<Piece NumberOfPoints="{len(self.points)}" NumberOf{self.kind}="{count}"><Points>',
+            _array("Points", self.points.astype("f4")),
+            f"</Points><{self.kind}>",
+            _array("connectivity", self.cells.astype("i4").ravel()),
+            _array("offsets", offsets),
+            f"</{self.kind}><CellData>",
+            *(_array(*item) for item in self.cell_data.items()),
+            "</CellData><PointData>",
+            *(_array(*item) for item in self.point_data.items()),
+            "</PointData></Piece></PolyData></VTKFile>",
+        ]
+        return ("\n".join(lines) + "\n").encode()
+
+
+def _array(name: str, values: np.ndarray, count: str = "") -> str:
+    """A `DataArray` (n, ...): base64 of a header (blocks, size, last size, packed size) and data.
+
+    count : attribute for the number of values, which field data need.
+    """
+    values = np.ascontiguousarray(values)
+    kind = TYPES[values.dtype.str[1:]]
+    raw = values.astype(values.dtype.newbyteorder("<")).tobytes()
+    packed = zlib.compress(raw, 6)
+    header = np.array([1, len(raw), 0, len(packed)], dtype="<u4").tobytes()
+    code = (base64.b64encode(header) + base64.b64encode(packed)).decode()
+    components = values.shape[1] if values.ndim > 1 else 1
+    length = f' {count}="{len(values)}"' if count else ""
+    return (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}"{length} '
+        f'format="binary">{code}</DataArray>'
+    )
+
+
+def _names(names: tuple[str, ...]) -> list[str]:
+    """Names of the muscles, as VTK writes text: character codes, each name ended by a zero."""
+    if not names:
+        return []
+    codes = " ".join(str(code) for name in names for code in (*name.encode(), 0))
+    head = f'<Array type="String" Name="muscle_names" NumberOfTuples="{len(names)}" format="ascii">'
+    return [f"{head}{codes}</Array>"]
+
+
+def _collection(times: np.ndarray, paths: list[Path]) -> bytes:
+    """A .pvd file, which tells ParaView the time of each file."""
+    entries = [
+        f'<DataSet timestep="{time!r}" part="0" file={quoteattr(path.name)}/>'
+        for time, path in zip(times.tolist(), paths, strict=True)
+    ]
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+        "<Collection>",
+        *entries,
+        "</Collection></VTKFile>",
+    ]
+    return ("\n".join(lines) + "\n").encode()

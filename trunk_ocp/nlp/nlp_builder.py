@@ -1,0 +1,234 @@
+"""Putting a partially separable programme together, piece by piece."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from .separable_nlp import Programme, Term
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Some places of a term; its scatter as four equal arrays."""
+
+    function: ca.Function
+    variables: np.ndarray  # (n, N)
+    parameters: np.ndarray  # (k, N)
+    output: np.ndarray
+    place: np.ndarray
+    rows: np.ndarray
+    weights: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows of constraints that belong together, named for who asks which one is violated.
+
+    `rows` has any shape; its last axis is that of the components. `Z` (m) has the shape of the
+    other axes, if rows belong to points of the trunk. `step` is the time step, from 0.
+    """
+
+    name: str
+    rows: np.ndarray
+    Z: np.ndarray | None = None
+    step: int | None = None
+
+    def moved(self, by: int, step: int) -> Block:
+        """The same of a time step, with row numbers grown by a number."""
+        return replace(self, rows=self.rows + by, step=step)
+
+
+class Assembly:
+    """Collects variables, constraint rows, linear entries and terms."""
+
+    def __init__(self) -> None:
+        self._lower: list[np.ndarray] = []
+        self._upper: list[np.ndarray] = []
+        self._row_lower: list[np.ndarray] = []
+        self._row_upper: list[np.ndarray] = []
+        self._linear: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._terms: list[_Places] = []
+        self.blocks: list[Block] = []
+        self._count = 0
+        self._rows = 0
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Numbers of variables and of constraint rows."""
+        return self._count, self._rows
+
+    def variables(
+        self, *shape: int, lower: float | np.ndarray = -np.inf, upper: float | np.ndarray = np.inf
+    ) -> np.ndarray:
+        """New variables of a shape; returns their indices in x."""
+        size = int(np.prod(shape))
+        self._lower.append(np.broadcast_to(lower, shape).ravel().astype(float))
+        self._upper.append(np.broadcast_to(upper, shape).ravel().astype(float))
+        self._count += size
+        return np.arange(self._count - size, self._count).reshape(shape)
+
+    def rows(
+        self,
+        name: str,
+        *shape: int,
+        lower: float | np.ndarray = 0.0,
+        upper: float | np.ndarray = 0.0,
+        Z: np.ndarray | None = None,
+        step: int | None = None,
+    ) -> np.ndarray:
+        """New constraint rows, lower <= g <= upper; returns their row numbers in F.
+
+        The others are as in `Block`.
+        """
+        rows = self._more_rows(np.broadcast_to(lower, shape), np.broadcast_to(upper, shape))
+        if rows.size:
+            self.blocks.append(Block(name, rows, Z, step))
+        return rows
+
+    def _more_rows(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        self._row_lower.append(lower.ravel().astype(float))
+        self._row_upper.append(upper.ravel().astype(float))
+        self._rows += lower.size
+        return 1 + np.arange(self._rows - lower.size, self._rows).reshape(lower.shape)
+
+    def linear(
+        self, rows: np.ndarray, columns: np.ndarray, values: float | np.ndarray = 1.0
+    ) -> None:
+        """Add C[rows, columns] += values; the three are broadcast against each other."""
+        r, c, v = np.broadcast_arrays(rows, columns, np.asarray(values, dtype=float))
+        keep = v.ravel() != 0
+        self._linear.append((r.ravel()[keep], c.ravel()[keep], v.ravel()[keep]))
+
+    def term(
+        self,
+        function: ca.Function,
+        variables: np.ndarray,
+        parameters: np.ndarray,
+        output: np.ndarray | int,
+        place: np.ndarray | int,
+        rows: np.ndarray | int,
+        weights: np.ndarray | float = 1.0,
+    ) -> None:
+        """Add a term: F[rows] += weights * (output `output` at place `place`), broadcast."""
+        scatter = np.broadcast_arrays(output, place, rows, np.asarray(weights, dtype=float))
+        self._terms.append(
+            _Places(function, variables, parameters, *(array.ravel() for array in scatter))
+        )
+
+    def cost(self, function: ca.Function, variables: np.ndarray, parameters: np.ndarray) -> None:
+        """Add a scalar function, summed over places, to the objective."""
+        if variables.size:
+            self.term(function, variables, parameters, 0, np.arange(variables.shape[1]), 0)
+
+    def include(
+        self,
+        part: Assembly,
+        bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+        step: int,
+    ) -> tuple[int, int]:
+        """Add variables, rows, linear entries and constraint terms of a part, numbered on.
+
+        bounds : (variables of the part, lower, upper), in place of the part's own bounds.
+        step : time step that the part's rows belong to.
+
+        Returns
+        -------
+        What the part's variables and its row numbers have grown by.
+        """
+        variables, rows = self._count, self._rows
+        own = part.bounds
+        for places, lower, upper in bounds:
+            own["lbx"][places], own["ubx"][places] = lower, upper
+        self.variables(part._count, lower=own["lbx"], upper=own["ubx"])
+        self._more_rows(own["lbg"], own["ubg"])
+        self.blocks += [block.moved(rows, step) for block in part.blocks]
+        r, c, v = part._entries
+        self._linear.append((r + rows, c + variables, v))
+        for t in part._terms:
+            self._terms.append(
+                _Places(
+                    t.function,
+                    t.variables + variables,
+                    t.parameters,
+                    t.output,
+                    t.place,
+                    t.rows + rows,
+                    t.weights,
+                )
+            )
+        return variables, rows
+
+    @cached_property
+    def _entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All linear entries, once everything is added: rows, columns, values."""
+        rows, columns, values = (np.concatenate(part) for part in zip(*self._linear, strict=True))
+        return rows, columns, values
+
+    @cached_property
+    def _merged(self) -> list[_Places]:
+        """One piece for each function, with all of its places, once everything is added."""
+        merged = []
+        for function in dict.fromkeys(term.function for term in self._terms):
+            pieces = [term for term in self._terms if term.function == function]
+            before = np.cumsum([0, *(piece.variables.shape[1] for piece in pieces)])
+            merged.append(
+                _Places(
+                    function,
+                    np.concatenate([piece.variables for piece in pieces], axis=1),
+                    np.concatenate([piece.parameters for piece in pieces], axis=1),
+                    np.concatenate([piece.output for piece in pieces]),
+                    np.concatenate(
+                        [piece.place + n for piece, n in zip(pieces, before, strict=False)]
+                    ),
+                    np.concatenate([piece.rows for piece in pieces]),
+                    np.concatenate([piece.weights for piece in pieces]),
+                )
+            )
+        return merged
+
+    def programme(self) -> Programme:
+        """The programme of everything that was added, with one term for each function."""
+        rows, columns, values = self._entries
+        size = 1 + self._rows
+        terms = []
+        for t in self._merged:
+            outputs, places = t.function.size1_out(0), t.variables.shape[1]
+            scatter = sp.csr_matrix(
+                (t.weights, (t.rows, t.output + outputs * t.place)), (size, outputs * places)
+            )
+            terms.append(Term(t.function, t.variables, scatter, t.parameters))
+        linear = sp.csr_matrix((values, (rows, columns)), (size, self._count))
+        return Programme(linear, tuple(terms))
+
+    def digest(self) -> bytes:
+        """Fingerprint of the programme without its parameter values."""
+        known = hashlib.blake2b(f"{self._count} {self._rows}".encode())
+        for t in self._merged:
+            known.update(f"{t.function.__hash__()} {t.variables.shape}".encode())
+            for array in (t.variables, t.output, t.place, t.rows, t.weights):
+                known.update(np.ascontiguousarray(array).tobytes())
+        for array in self._entries:
+            known.update(array.tobytes())
+        return known.digest()
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Parameter values of all terms as one vector, as `Programme.parameters` has them."""
+        return np.concatenate([t.parameters.ravel(order="F") for t in self._merged])
+
+    @property
+    def bounds(self) -> dict[str, np.ndarray]:
+        """Bounds in the words of CasADi's solvers: lbx, ubx, lbg, ubg."""
+        return {
+            "lbx": np.concatenate(self._lower),
+            "ubx": np.concatenate(self._upper),
+            "lbg": np.concatenate(self._row_lower),
+            "ubg": np.concatenate(self._row_upper),
+        }

@@ -1,0 +1,97 @@
+"""The small symbolic functions a window's programme is made of, in its units.
+
+Lengths are in units of L, moments in E I(0) / L; see `window`. Each takes (w, p),
+unknowns and parameters of one place.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import casadi as ca
+
+from ..model.anatomy import Trunk
+from ..model.head import base_pose
+from ..model.quaternions import directors
+from ..rod.equations import rates
+
+
+@cache
+def scaled_rates(length: float, moment: float) -> ca.Function:
+    """`rates` in units of the transcription: L, and E I(0) / L for moments."""
+    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
+    to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
+    return ca.Function("rates", [w, p], [to_units * rates()(to_si * w, p)])
+
+
+@cache
+def base(trunk: Trunk) -> ca.Function:
+    """Base position in units of L, and orientation, from the head angles."""
+    psi = ca.SX.sym("psi", 2)
+    r, q = base_pose(trunk.head, psi[0], psi[1])
+    pose = ca.vertcat(*(x / trunk.length for x in r), *q)
+    return ca.Function("base", [psi, ca.SX.sym("p", 0)], [pose])
+
+
+@cache
+def director(j: int) -> ca.Function:
+    """Director j of an orientation q (4), whose norm is not quite 1 inside an element."""
+    q = ca.SX.sym("q", 4)
+    unit = ca.vertcat(*_d(q, j)) / ca.sumsqr(q)
+    return ca.Function("director", [q, ca.SX.sym("p", 0)], [unit])
+
+
+def _d(q: ca.SX, j: int) -> tuple[ca.SX, ...]:
+    return directors(ca.vertsplit(q))[j]
+
+
+@cache
+def scaled_vector() -> ca.Function:
+    """A held direction (3) times the strength of a pull."""
+    D, p = ca.SX.sym("D", 3), ca.SX.sym("p")
+    return ca.Function("scaled_vector", [D, p], [p * D])
+
+
+@cache
+def squared_distance(length: float) -> ca.Function:
+    """Weighted squared distance in m^2 of r (3) from p = (target in m, weight)."""
+    r, p = ca.SX.sym("r", 3), ca.SX.sym("p", 4)
+    return ca.Function("squared_distance", [r, p], [p[3] * ca.sumsqr(length * r - p[:3])])
+
+
+@cache
+def squared_direction(j: int) -> ca.Function:
+    """Weighted squared error of director j of q (4) against p = (direction, weight)."""
+    q, p = ca.SX.sym("q", 4), ca.SX.sym("p", 4)
+    difference = ca.vertcat(*_d(q, j)) - p[:3]
+    return ca.Function("squared_direction", [q, p], [p[3] * ca.sumsqr(difference)])
+
+
+@cache
+def squared_held_direction(j: int) -> ca.Function:
+    """The same against a direction that is itself unknown, w = (q, direction)."""
+    w, p = ca.SX.sym("w", 7), ca.SX.sym("p")
+    difference = ca.vertcat(*_d(w[:4], j)) - w[4:]
+    return ca.Function("squared_held_direction", [w, p], [p * ca.sumsqr(difference)])
+
+
+@cache
+def square() -> ca.Function:
+    """Weighted square."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    return ca.Function("square", [x, p], [p * x**2])
+
+
+@cache
+def squared_change() -> ca.Function:
+    """Weighted square of the difference of two unknowns."""
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p")
+    return ca.Function("squared_change", [x, p], [p * (x[1] - x[0]) ** 2])
+
+
+@cache
+def weighted() -> ca.Function:
+    """An unknown times its weight."""
+    x, p = ca.SX.sym("x"), ca.SX.sym("p")
+    return ca.Function("weighted", [x, p], [p * x])

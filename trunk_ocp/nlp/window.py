@@ -1,0 +1,369 @@
+"""A window of consecutive time steps as one nonlinear programme.
+
+Each step has the unknowns and equations of `rod_equations`; bounds on change and directions
+held from an earlier step tie steps together. Inside, lengths are in units of L and moments of
+E I(0) / L; every public face is SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+
+from .._support.deferred_signals import deferred_interrupts
+from ..model.activation import segment_fractions, strains
+from ..model.loads import Loads
+from ..model.quaternions import directors
+from ..problem.motion import Motion, Step
+from ..problem.targets import Direction, Held
+from ..rod.collocation import Mesh
+from ..rod.equations import point_parameters
+from ..rod.statics import Shape
+from .nlp_builder import Assembly, Block
+from .point_functions import (
+    director,
+    scaled_rates,
+    scaled_vector,
+    square,
+    squared_change,
+    squared_direction,
+    squared_distance,
+    squared_held_direction,
+)
+from .rod_block import Unknowns, rod_equations
+from .separable_nlp import Programme
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the costs besides tracking.
+
+    Tracking is the weighted sum of squared distances of eq. (42), positions in m for a trunk of
+    1.75 m and in proportion for others (`Motion.position_scale`), so that weights mean the same
+    at every size. `effort` weighs the sum over time steps of the squared activations, `rate` the
+    integral over time of the squared rates of activations and head angles (1/s and rad/s). Both
+    are small: they choose among the many solutions that track equally well.
+    """
+
+    effort: float = 1e-5
+    rate: float = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """One position or direction asked for: a squared error, weighted by its last parameter.
+
+    `function` has the inputs (w, p), w the unknowns `variables`, p `parameters` and the weight;
+    an error of `tolerance` (m, or length of a director's error) counts as none.
+    """
+
+    function: ca.Function
+    variables: np.ndarray
+    parameters: np.ndarray
+    weight: float
+    tolerance: float
+
+
+class Window:
+    """The nonlinear programme of consecutive time steps.
+
+    Parameters
+    ----------
+    steps : the time steps
+    previous : (muscles + 2,)
+        Unknowns of the step before, known.
+    held : known values (3,) of the directions that these steps need from earlier ones.
+    offset : number of the first step of the window in the motion, from 0.
+    """
+
+    @deferred_interrupts()
+    def __init__(
+        self,
+        motion: Motion,
+        mesh: Mesh,
+        steps: Sequence[Step],
+        previous: np.ndarray,
+        held: dict[Held, np.ndarray],
+        offset: int,
+        weights: Weights,
+    ) -> None:
+        self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
+        self.known = held
+        trunk = motion.trunk
+        self.length = trunk.length
+        self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
+        self.force = self.moment / trunk.length
+        self._assembly = Assembly()
+        self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
+        self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
+        self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
+        self.held = self._held_directions()
+        self._couplings()
+        self._tracking()
+        self._economy(weights)
+
+    @cached_property
+    def bounds(self) -> dict[str, np.ndarray]:
+        """Bounds of unknowns and constraints, in the words of CasADi's solvers."""
+        return self._assembly.bounds
+
+    @cached_property
+    def parameters(self) -> np.ndarray:
+        """Parameters of the programme."""
+        return self._assembly.parameters
+
+    @cached_property
+    def programme(self) -> Programme:
+        """The programme itself; a solver needs it once for each structure only."""
+        return self._assembly.programme()
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The constraints' rows by what they mean."""
+        return self._assembly.blocks
+
+    @cached_property
+    def structure(self) -> bytes:
+        """Equal for windows whose programmes differ in parameters and bounds only."""
+        return self._assembly.digest()
+
+    # --- one step --------------------------------------------------------------------
+
+    def _step(self, number: int, step: Step) -> Unknowns:
+        """Variables of one step, and the equations of its rod."""
+        add, motion = self._assembly, self.motion
+        asked = {target.Z for target in step.targets}
+        asked |= {held.Z for held in motion.held if held.step == number}
+        rod = rod_equations(motion.trunk, self.mesh, motion.extension, tuple(sorted(asked)))
+        tip = np.asarray(step.loads.tip_force) / self.force
+        if step.pull is not None and self._is_known(step.pull[1]):
+            tip = tip + step.pull[0] / self.force * self.known[step.pull[1]]
+        free = np.inf if step.pull is not None and not self._is_known(step.pull[1]) else 0.0
+        bounds = [
+            (rod.unknowns.x, step.box.lower, step.box.upper),
+            (rod.unknowns.tip_force, tip - free, tip + free),
+        ]
+        variables, rows = add.include(rod.assembly, bounds, number)
+        if step.loads not in self._points:
+            self._points[step.loads] = point_parameters(
+                motion.trunk, step.loads, self.mesh.points.ravel()
+            )
+        add.term(
+            scaled_rates(self.length, self.moment),
+            rod.variables + variables,
+            self._points[step.loads],
+            rod.output,
+            rod.place,
+            rod.rows + rows,
+            rod.weights,
+        )
+        return rod.unknowns.moved(variables)
+
+    # --- between steps ---------------------------------------------------------------
+
+    def _is_known(self, reference: Held) -> bool:
+        return reference.step < self.offset
+
+    def _held_directions(self) -> dict[Held, np.ndarray]:
+        """A variable of its own for each held direction, tied to the step that defines it.
+
+        Without it, every step that refers to the direction would couple to the whole rod
+        of that step.
+        """
+        add, indices = self._assembly, {}
+        for reference in self.motion.held:
+            if not 0 <= reference.step - self.offset < len(self.steps):
+                continue
+            unknowns = self.unknowns[reference.step - self.offset]
+            D, rows = add.variables(3), add.rows("held direction", 3, step=reference.step)
+            add.linear(rows, D)
+            q = unknowns.points[reference.Z][0]
+            add.term(
+                director(reference.director),
+                q[:, None],
+                np.zeros((0, 1)),
+                np.arange(3),
+                0,
+                rows,
+                -1.0,
+            )
+            indices[reference] = D
+        return indices
+
+    def _couplings(self) -> None:
+        """Pulls along held directions; bounds on change."""
+        add = self._assembly
+        before = self.previous
+        numbered = enumerate(zip(self.steps, self.unknowns, strict=True), self.offset)
+        for number, (step, u) in numbered:
+            pulled = step.pull is not None and not self._is_known(step.pull[1])
+            if pulled and step.pull is not None:
+                own = np.asarray(step.loads.tip_force) / self.force
+                rows = add.rows("pull", 3, lower=own, upper=own, step=number)
+                add.linear(rows, u.tip_force)
+                strength = np.array([[-step.pull[0] / self.force]])
+                D = self.held[step.pull[1]]
+                add.term(scaled_vector(), D[:, None], strength, np.arange(3), 0, rows)
+            change = step.change
+            limited = change.limited
+            lower, upper = change.lower[limited], change.upper[limited]
+            rows = add.rows("change", limited.size, lower=lower, upper=upper, step=number)
+            add.linear(rows, u.x[limited])
+            add.linear(rows, before[limited], -1.0)
+            before = u.x
+
+    def goals(self) -> Iterator[Goal]:
+        """What the targets ask for, one entry for each position and direction."""
+        position, direction = self.motion.tolerance
+        squared_scale = self.motion.position_scale**2
+        for step, u in zip(self.steps, self.unknowns, strict=True):
+            for target in step.targets:
+                q, r = u.points[target.Z]
+                if target.position is not None:
+                    goal = np.asarray(target.position)
+                    weight = target.position_weight * squared_scale
+                    yield Goal(squared_distance(self.length), r, goal, weight, position)
+                for j, d, weight in target.pairs():
+                    if isinstance(d, Held) and not self._is_known(d):
+                        unknown = np.append(q, self.held[d])
+                        none = np.zeros(0)
+                        yield Goal(squared_held_direction(j), unknown, none, weight, direction)
+                    else:
+                        goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
+                        yield Goal(squared_direction(j), q, goal, weight, direction)
+
+    def _tracking(self) -> None:
+        """Cost of the distance to targets (eq. 42, squared)."""
+        tracking: dict[ca.Function, list[Goal]] = {}
+        for goal in self.goals():
+            tracking.setdefault(goal.function, []).append(goal)
+        for function, goals in tracking.items():
+            variables = np.stack([goal.variables for goal in goals], axis=-1)
+            weighted = [np.append(goal.parameters, goal.weight) for goal in goals]
+            self._assembly.cost(function, variables, np.stack(weighted, axis=-1))
+
+    def _economy(self, weights: Weights) -> None:
+        """Costs of effort and of rate of change."""
+        x = np.stack([self.previous, *(u.x for u in self.unknowns)])
+        self._assembly.cost(
+            square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
+        )
+        per_second = np.array([[weights.rate / step.duration] for step in self.steps])
+        pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
+        self._assembly.cost(
+            squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
+        )
+
+    # --- in and out ------------------------------------------------------------------
+
+    def pulls(self, shapes: Shape | None) -> np.ndarray:
+        """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`.
+
+        Without shapes, only those along directions that are known already.
+        """
+        forces = np.zeros((len(self.steps), 3))
+        for t, step in enumerate(self.steps):
+            if step.pull is None:
+                continue
+            strength, held = step.pull
+            if held not in self.held:
+                forces[t] = strength * self.known[held]
+            elif shapes is not None:
+                rows = shapes.directors(np.array([held.Z]))
+                forces[t] = strength * rows[held.step - self.offset, 0, held.director]
+        return forces
+
+    def pack(self, x: np.ndarray, shapes: Shape) -> np.ndarray:
+        """Vector of all unknowns from those of the steps (H, muscles + 2) and shapes (H,)."""
+        trunk, L = self.motion.trunk, self.length
+        full = np.zeros(self.bounds["lbx"].size)
+        full[self.previous] = self.bounds["lbx"][self.previous]
+        scale = np.array([1, 1, 1, 1, *3 * [1 / self.moment]])
+        strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
+        at_edges = shapes.state(np.asarray(self.mesh.edges)) * scale
+        inner = shapes.state(self.mesh.points.ravel()) * scale
+        line = shapes.position(np.asarray(self.mesh.edges)) / L
+        pulls = self.pulls(shapes)
+        for t, (step, u) in enumerate(zip(self.steps, self.unknowns, strict=True)):
+            full[u.x], full[u.strain] = x[t], strain[t]
+            full[u.mean] = strain[t, :, 0] @ segment_fractions(trunk)
+            full[u.tip_force] = (np.asarray(step.loads.tip_force) + pulls[t]) / self.force
+            full[u.edges], full[u.line] = at_edges[t], line[t]
+            full[u.inner] = inner[t].reshape(u.inner.shape)
+            for Z, (q, r) in u.points.items():
+                full[q] = shapes.state(np.array([Z]))[t, 0, :4]
+                full[r] = shapes.position(np.array([Z]))[t, 0] / L
+        for reference, D in self.held.items():
+            rows = shapes.directors(np.array([reference.Z]))
+            full[D] = rows[reference.step - self.offset, 0, reference.director]
+        return full
+
+    def unknowns_of(self, full: np.ndarray) -> np.ndarray:
+        """Activations and head angles of the steps, (H, muscles + 2)."""
+        return np.stack([full[u.x] for u in self.unknowns])
+
+    @cached_property
+    def _tracked(self) -> tuple[np.ndarray, np.ndarray]:
+        """Indices (n, 3) of the positions that targets ask for, and where they should be."""
+        pairs = [
+            (u.points[target.Z][1], target.position)
+            for step, u in zip(self.steps, self.unknowns, strict=True)
+            for target in step.targets
+            if target.position is not None and target.position_weight > 0
+        ]
+        indices, goals = zip(*pairs, strict=True) if pairs else ((), ())
+        return np.array(indices, dtype=int).reshape(-1, 3), np.array(goals).reshape(-1, 3)
+
+    def worst_error(self, full: np.ndarray) -> float:
+        """Largest distance in m between a target position and the trunk."""
+        indices, goals = self._tracked
+        errors = np.linalg.norm(full[indices] * self.length - goals, axis=1)
+        return float(errors.max(initial=0.0))
+
+    def target_errors(self, full: np.ndarray) -> tuple[np.ndarray, sp.csr_matrix]:
+        """Distances in m to all target positions, and their derivatives by all unknowns."""
+        indices, goals = self._tracked
+        offset = full[indices] * self.length - goals
+        errors = np.linalg.norm(offset, axis=1)
+        unit = offset / np.maximum(errors, np.finfo(float).tiny)[:, None]
+        rows = np.repeat(np.arange(len(errors)), 3)
+        slope = (self.length * unit.ravel(), (rows, indices.ravel()))
+        return errors, sp.csr_matrix(slope, shape=(len(errors), full.size))
+
+    def reached(self, full: np.ndarray) -> bool:
+        """Whether every target of positive weight is reached within the motion's tolerance."""
+        position, direction = self.motion.tolerance
+        for step, u in zip(self.steps, self.unknowns, strict=True):
+            for target in step.targets:
+                for j, d, _ in target.pairs():
+                    own = np.array(directors(full[u.points[target.Z][0]])[j])
+                    if not np.linalg.norm(own - self._goal(full, d)) <= direction:
+                        return False
+        return self.worst_error(full) <= position
+
+    def _goal(self, full: np.ndarray, direction: Direction) -> np.ndarray:
+        """Value (3,) of a desired direction."""
+        if not isinstance(direction, Held):
+            return np.asarray(direction)
+        return self.known[direction] if self._is_known(direction) else full[self.held[direction]]
+
+    def states_of(self, full: np.ndarray) -> np.ndarray:
+        """Rod states of the steps, (H, elements, degree + 1, 7), in SI."""
+        states = np.stack(
+            [full[np.concatenate([u.edges[:-1, None], u.inner], axis=1)] for u in self.unknowns]
+        )
+        states[..., 4:] *= self.moment
+        return states
+
+    def directions_of(self, full: np.ndarray) -> dict[Held, np.ndarray]:
+        """Value (3,) of each direction that this window defines for later steps."""
+        return {reference: full[D] for reference, D in self.held.items()}
+
+    def tip_forces_of(self, full: np.ndarray) -> np.ndarray:
+        """Tip force V of the steps, (H, 3) N."""
+        return np.stack([full[u.tip_force] * self.force for u in self.unknowns])

@@ -1,0 +1,385 @@
+"""A planned motion: what was found, how good it is, and what the trunk does in between."""
+
+from __future__ import annotations
+
+import enum
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .._support.wording import rounded
+from ..errors import PlanError
+from ..model.loads import Loads
+from ..nlp.ipopt import Solve, rank
+from ..nlp.window import Weights
+from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
+from ..problem.motion import Motion
+from ..problem.targets import Held
+from ..rod.buckling import Stability, stability
+from ..rod.collocation import Mesh
+from ..rod.statics import Shape, refined, solve_statics
+from .verification import Verification, verify
+
+
+class Status(enum.Enum):
+    """How a plan ended; the value is the sentence a user reads. Only the first is a success."""
+
+    SOLVED = "solved and verified"
+    MISSED = "converged and verified, but a target is out of reach"
+    UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
+    UNVERIFIED = "converged, but the independent check failed"
+    INFEASIBLE = "not converged: no motion was found that keeps all bounds"
+    ITERATION_LIMIT = "not converged within the allowed iterations; what was reached is kept"
+    TIME_LIMIT = "not converged by the deadline; what was reached is kept"
+    NOT_CONVERGED = "not converged; what was reached is kept"
+    INTERRUPTED = "interrupted; the best so far is kept"
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a command that ends so: 0 solved, 4 interrupted, 3 anything else."""
+        return {Status.SOLVED: 0, Status.INTERRUPTED: 4}.get(self, 3)
+
+
+MODES = ("sequential", "horizon", "receding")
+"""Ways to plan."""
+
+ROUGH = 1e-4  # Shape.defect of a sample, beyond which its mesh is made finer
+
+FAILURES = {
+    "Infeasible_Problem_Detected": Status.INFEASIBLE,
+    "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
+}
+"""What Ipopt's words for a failure mean here; any other is NOT_CONVERGED."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Costs of a plan: the paper's J (eq. 42, un-squared norms, in m) and the planner's own.
+
+    The planner minimises `tracking` + `effort` + `rate`; see `Weights`.
+    """
+
+    paper: float
+    tracking: float
+    effort: float
+    rate: float
+
+    @property
+    def total(self) -> float:
+        """What the planner minimises."""
+        return self.tracking + self.effort + self.rate
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The moving trunk at one instant; `after` on the later side of a jump of the loads."""
+
+    time: float
+    activation: np.ndarray
+    head: np.ndarray
+    loads: Loads
+    shape: Shape
+    after: bool = False
+
+
+def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
+    """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
+    return tuple(
+        replace(step.loads, tip_force=tuple(force))
+        for step, force in zip(motion.steps, tip_forces.tolist(), strict=False)
+    )
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Plan:
+    """A motion with the activations and head angles that perform it.
+
+    Attributes
+    ----------
+    x : (H, muscles + 2)
+        Activations and head angles (rad) of time steps 1 to H; H is less than the motion's
+        number of steps only if the plan was cut short.
+    tip_forces : (H, 3)
+        Tip force V in N, those along held directions included.
+    shape : Shape
+        Planned shapes, batch axis (H,).
+    mode : str
+        "sequential", "horizon" or "receding".
+    lookahead : int
+        Time steps planned together.
+    near : dict
+        Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
+        here, rather than near the step before (sequential plans, appendix B).
+    interrupted, late : bool
+        Whether the user, or the deadline, ended it before it was done.
+    derivative_seconds : float
+        Of `solve_seconds`, those in the objective, the constraints and their derivatives.
+    solves : tuple of Solve
+        Record of every solve, in order.
+    versions : dict
+        Of what planned it; see `provenance`.
+    options : dict
+        With which it was planned: those of the planner and, by its name, the command's.
+    """
+
+    motion: Motion
+    x: np.ndarray
+    tip_forces: np.ndarray
+    shape: Shape
+    mode: str
+    lookahead: int
+    weights: Weights
+    near: dict[int, np.ndarray] = field(default_factory=dict)
+    converged: bool = True
+    interrupted: bool = False
+    late: bool = False
+    iterations: int = 0
+    setup_seconds: float = 0.0
+    solve_seconds: float = 0.0
+    derivative_seconds: float = 0.0
+    total_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+    solves: tuple[Solve, ...] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        steps = f"{len(self.x)} of {len(self.motion.steps)} steps"
+        return f"<Plan of {self.motion.name}: {self.mode}, {steps}, J = {self.objective.paper:.4g}>"
+
+    @property
+    def activations(self) -> np.ndarray:
+        """Activations (H, muscles); negative contracts."""
+        return self.x[:, :-2]
+
+    @property
+    def head(self) -> np.ndarray:
+        """Head angles (H, 2): psi_Z, psi_Y in rad."""
+        return self.x[:, -2:]
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh of the planned shapes."""
+        return self.shape.mesh
+
+    def part(self, first: int, last: int) -> Shape:
+        """Planned shapes of steps first to last - 1, counted from 0."""
+        return self.shape[first:last]
+
+    @cached_property
+    def loads(self) -> tuple[Loads, ...]:
+        """Loads of each step."""
+        return loads_of(self.motion, self.tip_forces)
+
+    @cached_property
+    def verification(self) -> Verification:
+        """Independent check of every step."""
+        return verify(self.motion, self.x, self.loads, self.shape, self.near)
+
+    @cached_property
+    def stability(self) -> Stability:
+        """Whether the trunk stays in each planned shape, (H,)."""
+        return stability(self.shape, self.activations, self.loads)
+
+    @cached_property
+    def errors(self) -> tuple[StepErrors, ...]:
+        """Errors of each step, from the independently integrated shapes."""
+        return step_errors(self)
+
+    @cached_property
+    def objective(self) -> Objective:
+        """Costs, from the independently integrated shapes."""
+        position = sum(float(e.position_weights @ e.position**2) for e in self.errors)
+        direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
+        return Objective(
+            sum(e.paper for e in self.errors),
+            position * self.motion.position_scale**2 + direction,
+            self.weights.effort * float(np.sum(self.activations**2)),
+            self.weights.rate * squared_rate(self),
+        )
+
+    @cached_property
+    def status(self) -> Status:
+        """How the plan ended."""
+        if self.interrupted:
+            return Status.INTERRUPTED
+        if self.late:
+            return Status.TIME_LIMIT
+        if not self.converged or len(self.x) < len(self.motion.steps):
+            message = self.failure.message if self.failure else ""
+            return FAILURES.get(message, Status.NOT_CONVERGED)
+        if self.verification.faults:
+            return Status.UNVERIFIED
+        if not np.all(self.stability.stable):
+            return Status.UNSTABLE
+        return Status.MISSED if self.missed else Status.SOLVED
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the user or the deadline ended it before it was done."""
+        return self.interrupted or self.late
+
+    @property
+    def failure(self) -> Solve | None:
+        """Of a plan that did not converge, the solve that came farthest where it failed first.
+
+        Where one of several starts led to a solution, nothing failed; unless all did, and a
+        finer mesh failed at last.
+        """
+        own = [solve for solve in self.solves if solve.stage == self.mode]
+        tries = [list(same) for _, same in itertools.groupby(own, key=lambda s: s.what)]
+        failed = [same for same in tries if not any(solve.converged for solve in same)]
+        for same in (*failed, *tries[-1:]) if not self.converged else ():
+            return min((solve for solve in same if not solve.converged), key=rank, default=None)
+        return None
+
+    def recorded(self, **record: Any) -> Plan:
+        """The same plan with another record of how it was made; what was checked is kept."""
+        plan = replace(self, **record)
+        kept = ("verification", "stability", "errors")
+        vars(plan).update({name: vars(self)[name] for name in kept if name in vars(self)})
+        return plan
+
+    def checked(self) -> Plan:
+        """The plan itself, if it is solved and verified.
+
+        Raises
+        ------
+        PlanError
+            If it is anything else.
+        """
+        if self.status is not Status.SOLVED:
+            raise PlanError(self)
+        return self
+
+    @property
+    def verified(self) -> bool:
+        """Whether every independent check of a whole plan passed."""
+        return len(self.x) == len(self.motion.steps) and not self.verification.faults
+
+    @property
+    def missed(self) -> list[str]:
+        """Targets farther off than the motion's tolerance, a sentence each."""
+        position, direction = self.motion.tolerance
+        sentences = []
+        for number, errors in enumerate(self.errors, 1):
+            for Z, error in zip(errors.position_Z, errors.position, strict=True):
+                if not error <= position:
+                    sentences.append(
+                        f"step {number}: the target at Z = {Z:g} m is missed by "
+                        f"{rounded(1e3 * error, 4)} mm, {1e3 * position:g} mm is allowed"
+                    )
+            for Z, error in zip(errors.direction_Z, errors.direction, strict=True):
+                if not error <= direction:
+                    sentences.append(
+                        f"step {number}: the direction at Z = {Z:g} m is missed by "
+                        f"{error:.3g}, {direction:g} is allowed"
+                    )
+        return sentences
+
+    @cached_property
+    def jumps(self) -> tuple[float, ...]:
+        """Times in s at which loads jump; all are time steps, or 0."""
+        return jumps(self.motion, self.loads)
+
+    def sample(self, t: float, *, after: bool = False) -> Sample:
+        """The moving trunk at time t in s, from 0 to the end of the plan (section 5.2).
+
+        Activations, head angles and loads follow each phase's interpolation, except loads that
+        jump where a phase starts; at a time step it is the planned step, loads and all.
+
+        Parameters
+        ----------
+        after : bool
+            At one of `jumps`, the other side: the trunk under the loads that the next phase
+            starts with.
+
+        Raises
+        ------
+        InputError
+            If t is outside the plan.
+        StaticsError
+            If the trunk has no equilibrium there, or none that a mesh resolves.
+        """
+        t = planned_time(self.motion, len(self.x), t)
+        values = np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
+        at, loads = interpolate(self.motion, values, t), loads_at(self.motion, self.loads, t, after)
+        activation, head = at[:-2], at[-2:]
+        # Of several equilibria, that of the planned shape next to it.
+        times = self.motion.times[: len(self.x)]
+        near = self.shape[int(np.argmin(np.abs(times - t)))] if len(times) else None
+        shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
+        if shape.defect > ROUGH:  # the plan's mesh was only checked at its time steps
+            shape = refined(shape, activation, head, loads)
+        return Sample(t, activation, head, loads, shape, after)
+
+
+def squared_rate(plan: Plan) -> float:
+    """Integral over time of the squared rates of activations and head angles, 1/s.
+
+    Of straight lines between time steps, from rest on; interpolation adds to it.
+    """
+    change = np.diff(np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x]), axis=0)
+    duration = np.array([step.duration for step in plan.motion.steps[: len(plan.x)]])
+    return float(np.sum(change**2 / duration[:, None]))
+
+
+@dataclass(frozen=True, eq=False)
+class StepErrors:
+    """Errors of one time step, target by target.
+
+    `position` in m at `position_Z`; `direction` is the length of the director's error at
+    `direction_Z`; `paper` is J_T of eq. (42).
+    """
+
+    position_Z: np.ndarray
+    position: np.ndarray
+    position_weights: np.ndarray
+    direction_Z: np.ndarray
+    direction: np.ndarray
+    direction_weights: np.ndarray
+
+    @property
+    def paper(self) -> float:
+        """J_T of eq. (42): weighted sum of distances, not squared."""
+        return float(
+            self.position_weights @ self.position + self.direction_weights @ self.direction
+        )
+
+
+def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
+    """Errors of each step of a plan, from the independently integrated shapes."""
+    at = plan.verification.at
+
+    def goal(direction: Held | Sequence[float]) -> np.ndarray:
+        if isinstance(direction, Held):
+            return at(direction.step, direction.Z)[1][direction.director]
+        return np.asarray(direction)
+
+    result = []
+    for t, step in enumerate(plan.motion.steps[: len(plan.x)]):
+        positions = [
+            (g.Z, _distance(at(t, g.Z)[0], g.position), g.position_weight)
+            for g in step.targets
+            if g.position is not None and g.position_weight > 0
+        ]
+        directions = [
+            (g.Z, _distance(at(t, g.Z)[1][j], goal(d)), weight)
+            for g in step.targets
+            for j, d, weight in g.pairs()
+        ]
+        result.append(StepErrors(*_columns(positions), *_columns(directions)))
+    return tuple(result)
+
+
+def _distance(a: np.ndarray, b: Sequence[float] | np.ndarray) -> float:
+    return float(np.linalg.norm(a - np.asarray(b)))
+
+
+def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    table = np.array(rows, dtype=float).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]

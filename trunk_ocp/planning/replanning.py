@@ -1,0 +1,133 @@
+"""Planning again, fast, after a target, a load or a bound has moved a little."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import asdict, replace
+from typing import Any
+
+from .._support.blas_threads import one_thread
+from .._support.deferred_signals import deferred_interrupts
+from .._support.provenance import versions
+from ..errors import InputError
+from ..nlp.ipopt import WARM, Optimiser
+from ..nlp.window import Window
+from ..problem.motion import Motion
+from ..reporting import Reporter
+from .plan import Plan
+from .planner import Options, Pass, State, seconds_allowed
+
+
+class Replanner:
+    """Keeps a horizon's solver, solution and multipliers, and re-solves from there.
+
+    A motion that differs a little costs a few iterations:
+
+        again = Replanner(plan)
+        plan = again(moved_motion)
+
+    Parameters
+    ----------
+    plan : Plan
+        A converged horizon plan; it is solved once more to get the multipliers.
+
+    Raises
+    ------
+    InputError
+        If the plan is not a converged one of all time steps.
+    """
+
+    @deferred_interrupts()
+    @one_thread()
+    def __init__(
+        self, plan: Plan, options: Options | None = None, reporter: Reporter | None = None
+    ) -> None:
+        if len(plan.x) != len(plan.motion.steps) or not plan.converged:
+            raise InputError("plan: expected a converged plan of all time steps.")
+        options = options or Options()
+        self._turn, self._at_work = threading.RLock(), False
+        self._mesh = plan.mesh
+        self._options = replace(options, weights=plan.weights)
+        self._optimiser = Optimiser(
+            options.linear_solver, options.max_iterations, reporter or Reporter(), WARM
+        )
+        window, _ = self._window(plan.motion)
+        self._structure = window.structure
+        start = window.pack(plan.x, plan.shape)
+        self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
+
+    def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
+        """Plan a motion of the same steps, kinds of targets and mesh as the last one.
+
+        Threads take turns. Each re-plan starts from the last one that reached its targets, or else
+        from the plan that was given. One that runs out of time or iterations returns its newest
+        iterate, which need not keep every bound.
+
+        throw : whether a plan that is not solved raises, as in `plan_motion`.
+        deadline : seconds after which no iteration begins, as in `plan_motion`.
+
+        Raises
+        ------
+        PlanError
+            If the plan is not solved; the error has the plan.
+        InputError
+            If the motion has another structure; plan it anew with `plan_motion`. If a reporter asks
+            the re-planner that it reports on.
+        """
+        ends = time.perf_counter() + seconds_allowed(deadline)
+        with self._turn:
+            if self._at_work:
+                raise InputError("this Replanner is at work; a reporter needs one of its own.")
+            self._at_work = True
+            try:
+                plan = self._replan(motion, ends)
+            finally:
+                self._at_work = False
+        return plan.checked() if throw else plan
+
+    @deferred_interrupts()
+    @one_thread()
+    def _replan(self, motion: Motion, ends: float) -> Plan:
+        began = time.perf_counter()
+        optimiser, last = self._optimiser, self._last
+        optimiser.deadline = ends
+        solve, derivatives = optimiser.solve_seconds, optimiser.derivative_seconds
+        window, planner = self._window(motion)
+        if window.structure != self._structure:
+            raise InputError(
+                f"{motion.name}: differs from the planned motion in more than numbers; expected "
+                "the same steps, target points and kinds of bounds. Use plan_motion."
+            )
+        outcome = optimiser.solve(
+            window, last.full, "horizon", "re-plan", last.multipliers, newest=True
+        )
+        if outcome.converged and window.reached(outcome.full):
+            self._last = outcome
+        state = State()
+        planner.keep(window, outcome, len(motion.steps), state)
+        del optimiser.solves[:-1]  # else a control loop would keep them all
+        return replace(
+            planner.plan(state),
+            versions=versions(),
+            options=asdict(self._options),
+            iterations=outcome.iterations,
+            solve_seconds=optimiser.solve_seconds - solve,
+            derivative_seconds=optimiser.derivative_seconds - derivatives,
+            total_seconds=time.perf_counter() - began,
+            solves=tuple(optimiser.solves),
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
+        kept = {name: value for name, value in self.__dict__.items() if name != "_turn"}
+        kept["_at_work"] = False
+        return {**kept, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _turn=threading.RLock())
+
+    def _window(self, motion: Motion) -> tuple[Window, Pass]:
+        count = len(motion.steps)
+        planner = Pass(motion, self._mesh, "horizon", count, self._options, self._optimiser)
+        return planner.window(0, motion.steps, State()), planner

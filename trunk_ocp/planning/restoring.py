@@ -1,0 +1,188 @@
+"""A plan from the arrays and attributes of its file, which may claim anything.
+
+Shapes, labels, types and sizes must fit the file's own problem. Whether its numbers solve it is no
+claim of the file: `Plan.status` finds out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import ValidationError
+
+from .._support.netcdf import Contents
+from .._support.provenance import fingerprint
+from .._support.toml_files import check_json
+from ..errors import InputError
+from ..model.anatomy import AnatomySpec
+from ..nlp.window import Weights
+from ..problem.motion import Motion, build_motion
+from ..problem.problem_file import MOST_STEPS, ProblemSpec
+from ..rod.collocation import Mesh
+from ..rod.equations import STATES
+from ..rod.statics import check_mesh, shape_of_states
+from .plan import MODES, Plan, loads_of
+from .records import check_near, count, entries, fits, json_of, number, solve_of, table, words
+
+MOST_NODES = 800
+"""Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
+MOST_FAULTS = 20  # of a problem; of more only their number is told, as each takes memory
+Section = TypeVar("Section", ProblemSpec, AnatomySpec)
+
+
+RECORDS = ("notes", "solves", "versions", "options")
+
+
+def restored(contents: Contents) -> Plan:
+    """The plan that a file has.
+
+    Raises
+    ------
+    InputError, LookupError, ValueError
+        If it has none; says what is wrong.
+    """
+    attributes, arrays = contents.attributes, contents.arrays
+    planned = len(arrays["head"])
+    if planned > MOST_STEPS:
+        raise InputError(f"it has {planned} time steps; expected at most {MOST_STEPS}")
+    states = _numbers(contents, "state", planned, None, None, STATES)
+    edges = _numbers(contents, "edge", states.shape[1] + 1)
+    mesh = Mesh(tuple(edges.tolist()), states.shape[2] - 1)
+    check_size(mesh)
+    motion = _motion(attributes)
+    muscles = motion.trunk.muscles
+    if planned > len(motion.steps) or (muscles and contents.texts("muscle") != muscles):
+        raise InputError("its time steps or muscles are not those of its problem")
+    x = _unknowns(contents, "", planned, len(muscles))
+    near = _near(contents, motion, x)
+    tip_forces = _numbers(contents, "tip_force", planned, 3)
+    loads = loads_of(motion, tip_forces)
+    check_mesh(mesh, motion.trunk, loads)
+    mode, lookahead = attributes["plan_mode"], count(attributes["lookahead"], 1)
+    if mode not in MODES or (mode == "sequential" and lookahead != 1):
+        raise InputError("plan_mode, lookahead: expected those of a plan")
+    return Plan(
+        motion=motion,
+        x=x,
+        tip_forces=tip_forces,
+        shape=shape_of_states(motion.trunk, mesh, x, loads, states),
+        mode=mode,
+        lookahead=lookahead,
+        near=near,
+        **_record(attributes),
+    )
+
+
+def check_size(mesh: Mesh) -> None:
+    """Raise InputError unless a mesh is one that a plan can be saved with."""
+    if not (mesh.degree >= 1 and mesh.elements * mesh.degree <= MOST_NODES):
+        raise InputError(
+            f"its mesh has {mesh.elements} elements of degree {mesh.degree}; expected at most "
+            f"{MOST_NODES} nodes"
+        )
+
+
+def check_texts(texts: Sequence[str]) -> None:
+    """Raise InputError unless a problem and an anatomy in JSON are as short as they may be."""
+    for name, text in zip(("problem", "anatomy"), texts, strict=True):
+        try:
+            check_json(text)
+        except InputError as error:
+            raise InputError(f"its {name} {error}") from None
+
+
+def _motion(attributes: dict[str, Any]) -> Motion:
+    texts = [words(attributes[f"{name}_json"]) for name in ("problem", "anatomy")]
+    check_texts(texts)
+    spec, anatomy = _valid(ProblemSpec, texts[0]), _valid(AnatomySpec, texts[1])
+    for name, part in (("problem", spec), ("anatomy", anatomy)):
+        if attributes[f"{name}_sha256"] != fingerprint(part):
+            raise InputError(f"its {name} was changed after the plan was made")
+    return build_motion(spec, anatomy)
+
+
+def _valid(model: type[Section], text: str) -> Section:
+    """A problem or an anatomy; InputError with its first fault."""
+    try:
+        return model.model_validate_json(text)
+    except ValidationError as error:
+        count = error.error_count()
+        told = f"{count:,} faults"
+        if count <= MOST_FAULTS:
+            fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+            where = ".".join(str(part) for part in fault["loc"][:10])
+            told = f"{where}: {fault['msg']}" + (f", and {told} in all" if count > 1 else "")
+        raise InputError(f"it has no valid {model.__name__[:-4].lower()} ({told})") from None
+
+
+def _near(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.ndarray]:
+    """Auxiliary solutions by their step."""
+    if "near_step" not in contents.arrays:
+        return {}
+    steps = contents.arrays["near_step"]
+    if steps.ndim != 1 or steps.dtype.kind != "i":
+        raise InputError("near_step: expected numbers of time steps")
+    numbers = [step - 1 for step in steps.tolist()]
+    if len({*numbers}) != len(numbers) or not {*numbers} <= {*range(len(x))}:
+        raise InputError("near_step: expected numbers of planned time steps")
+    rows = _unknowns(contents, "near_", len(numbers), len(motion.trunk.muscles))
+    near = dict(zip(numbers, rows, strict=True))
+    # A horizon that was interrupted before it began is the sequential plan that it starts from.
+    if contents.attributes["plan_mode"] != "sequential" and not contents.attributes["interrupted"]:
+        raise InputError("near_step: expected auxiliary solutions of a sequential plan only")
+    if contents.attributes["converged"]:
+        check_near(motion, x, near)
+    return near
+
+
+def _record(attributes: dict[str, Any]) -> dict[str, Any]:
+    """How the plan was made, as far as a file can say."""
+    texts = [words(attributes.get(f"{name}_json", "")) for name in RECORDS]
+    if not fits(*texts):
+        raise InputError("its records are too large; expected those of one plan")
+    listed = {name: json_of(words(attributes[f"{name}_json"])) for name in ("notes", "solves")}
+    named = {
+        name: table(json_of(words(attributes.get(f"{name}_json", "{}"))))
+        for name in ("versions", "options")
+    }
+    return {
+        "weights": Weights(number(attributes["weight_effort"]), number(attributes["weight_rate"])),
+        "converged": bool(count(attributes["converged"])),
+        "interrupted": bool(count(attributes["interrupted"])),
+        "late": bool(count(attributes.get("late", 0))),
+        "iterations": count(attributes["iterations"]),
+        **{
+            f"{name}_seconds": number(attributes[f"seconds_{key}"])
+            for name, key in (
+                ("setup", "setup"),
+                ("solve", "solve"),
+                ("derivative", "derivatives"),
+                ("total", "total"),
+            )
+        },
+        "notes": tuple(words(note) for note in entries(listed["notes"])),
+        "solves": tuple(solve_of(record) for record in entries(listed["solves"])),
+        "versions": {name: words(told) for name, told in named["versions"].items()},
+        "options": named["options"],
+    }
+
+
+def _unknowns(contents: Contents, prefix: str, rows: int, muscles: int) -> np.ndarray:
+    """Activations and head angles (rows, muscles + 2)."""
+    activation = np.zeros((rows, 0))
+    if muscles:  # an array of length 0 is left out of the file
+        activation = _numbers(contents, f"{prefix}activation", rows, muscles)
+    return np.hstack([activation, _numbers(contents, f"{prefix}head", rows, 2)])
+
+
+def _numbers(contents: Contents, name: str, *shape: int | None) -> np.ndarray:
+    """An array of real numbers of a shape, of which None fits any length."""
+    values = contents.arrays[name]
+    fits = values.ndim == len(shape) and all(
+        n in (None, size) for n, size in zip(shape, values.shape, strict=True)
+    )
+    if not fits or values.dtype.kind != "f":
+        raise InputError(f"{name}: expected numbers of shape {shape}, got {values.shape}")
+    return np.asarray(values, dtype=float)

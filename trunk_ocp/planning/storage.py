@@ -1,0 +1,353 @@
+"""Plans on disk: labelled, complete, readable by people and programs.
+
+A folder holds `summary.json` (how good the plan is), `activations.csv` (for a spreadsheet)
+and `solution.nc` (everything, labelled; opens in xarray, MATLAB, R). The last alone restores
+the plan: problem and anatomy are inside.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import math
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .._support.atomic_files import replacing, write
+from .._support.blas_threads import one_thread
+from .._support.netcdf import read_netcdf
+from .._support.provenance import fingerprint
+from .._support.toml_files import printable, read_bytes
+from ..analysis.diagnosis import Diagnosis
+from ..errors import InputError
+from ..problem.built import as_built
+from .plan import Plan, Status
+from .records import recorded
+from .restoring import check_size, check_texts, restored
+from .results_folder import set_derived_aside
+
+SOLUTION = "solution.nc"
+POINTS = 101
+LARGEST_FILE = 100_000_000
+"""Bytes; twice a plan of as many steps as a motion may have."""
+FORMULAS = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # the wide ones of East Asia too
+LONGEST_REASON = 500  # characters of what is wrong with a file
+MOST_PLANS = 5  # that a message names
+UNITS = {
+    "time": "s",
+    "seconds": "s of wall time",
+    "position_error, max_position_error, max_verification_error": "m",
+    "position_error_at, tangent_error_at": "Z of the target, m",
+    "tangent_error": "length of the error of a director, the tangent d3 as a rule",
+    "stability_margin": "share of the stiffness that the loads leave; 0: the trunk buckles",
+    "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
+    "psi_z, psi_y": "rad",
+    "objective": "J of eq. (42) with the problem's weights",
+}
+"""Of the numbers in `summary`."""
+
+
+@one_thread()
+def save_plan(plan: Plan, folder: str | Path) -> None:
+    """Write a plan to a folder, which is made if need be; each file whole or not at all.
+
+    It replaces a plan that is there. What was made from that one, such as figures and exports,
+    moves to `earlier/` in the folder, unless both are the same.
+
+    Raises
+    ------
+    InputError
+        If the plan has no time steps, a file cannot be written there, or `load_plan` could not
+        bring it back: its motion is not what its spec and anatomy build.
+    """
+    _check_saving(plan)
+    folder = Path(folder)
+    # All of them first, so that a plan that cannot be told leaves the files of the one before.
+    report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
+    table = activations_table(plan)
+    set_derived_aside(folder, plan.motion, table)
+    write(folder / "activations.csv", table)
+    with replacing(folder / SOLUTION) as path:
+        labelled.to_netcdf(path, engine="scipy")
+    write(folder / "summary.json", report)
+
+
+def _check_saving(plan: Plan) -> None:
+    """Raise InputError for a plan that could not be read back as the plan it is."""
+    name = plan.motion.name
+    if not len(plan.x):
+        raise InputError(f"{name}: the plan has no time steps; nothing to save.")
+    if not as_built(plan.motion):
+        raise InputError(
+            f"{name}: the motion was changed by hand after it was built from its spec and anatomy, "
+            "so the file would have another motion than was planned; expected one that load_motion "
+            "or build_motion returned, or changed by shifted(), limited(), mirrored_motion(). Edit "
+            "its spec, build_motion(spec, anatomy), and plan that."
+        )
+    try:
+        check_size(plan.mesh)
+        check_texts([part.model_dump_json() for part in (plan.motion.spec, plan.motion.anatomy)])
+    except InputError as error:
+        raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
+
+
+def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
+    """Write a diagnosis beside the plan it is of."""
+    text = json.dumps(finite(diagnosis.as_json()), indent=2)
+    write(Path(folder) / "diagnosis.json", text + "\n")
+
+
+def load_plan(folder: str | Path, throw: bool = True) -> Plan:
+    """Read a plan that `save_plan` wrote, from its folder or from the solution.nc in it.
+
+    throw : False to get a plan that is not solved as well: look at its `status`.
+
+    Raises
+    ------
+    PlanError
+        If the plan is not solved; the error has the plan.
+    InputError
+        If the folder has no readable solution.nc.
+    """
+    path = Path(folder)
+    path = path if path.name == SOLUTION and not path.is_dir() else path / SOLUTION
+    content = _content(path)
+    try:
+        with np.errstate(all="ignore"):  # numbers beyond all reason are the plan's status to tell
+            plan = restored(read_netcdf(content))
+    except Exception as error:  # a damaged file breaks its readers in ways of their own
+        reason = printable(f"{error}")
+        reason = reason if len(reason) <= LONGEST_REASON else reason[:LONGEST_REASON] + "..."
+        raise InputError(
+            f"{path}: cannot be read as a plan ({reason}); expected a file written by solve-motion."
+        ) from None
+    return plan.checked() if throw else plan
+
+
+def _content(path: Path) -> bytes:
+    """Content of a solution.nc; InputError, with where plans are if it is a folder of folders."""
+    if not os.path.exists(path):  # of any name, unlike Path.exists
+        plans: list[str] = []
+        with contextlib.suppress(OSError, ValueError):
+            plans = sorted(str(found.parent) for found in path.parent.glob(f"*/{SOLUTION}"))
+        if plans:
+            more = f" or {len(plans) - MOST_PLANS} more" if len(plans) > MOST_PLANS else ""
+            raise InputError(
+                f"{path.parent}: has a folder for each of its plans, and is none itself; expected "
+                f"{printable(' or '.join(plans[:MOST_PLANS]))}{more}."
+            )
+        raise InputError(
+            f"{path}: cannot be read as a plan (no such file); expected a file written by "
+            "solve-motion."
+        )
+    return read_bytes(path, LARGEST_FILE)
+
+
+def summary(plan: Plan) -> dict[str, Any]:
+    """The plan in numbers, ready for JSON; what is not finite becomes null."""
+    report = {
+        "problem": plan.motion.name,
+        "mode": plan.mode,
+        "lookahead": plan.lookahead,
+        "status": plan.status.name.lower(),
+        "message": plan.status.value,
+        "verified": plan.verified,
+        "faults": plan.verification.faults,
+        "missed": plan.missed,
+        "notes": list(plan.notes),
+        "iterations": plan.iterations,
+        "seconds": {
+            "setup": round(plan.setup_seconds, 4),
+            "solve": round(plan.solve_seconds, 4),
+            "derivatives": round(plan.derivative_seconds, 4),
+            "total": round(plan.total_seconds, 4),
+        },
+        "objective": plan.objective.paper,
+        "planner_objective": {
+            "total": plan.objective.total,
+            "tracking": plan.objective.tracking,
+            "effort": plan.objective.effort,
+            "rate": plan.objective.rate,
+        },
+        "max_position_error": max(
+            (float(e.position.max()) for e in plan.errors if e.position.size), default=math.nan
+        ),
+        "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
+        "timesteps": _timesteps(plan),
+        "steps_planned": len(plan.x),
+        "units": UNITS,
+        "version": version("trunk_ocp"),
+        "versions": plan.versions,
+        "options": plan.options,
+        "problem_sha256": fingerprint(plan.motion.spec),
+        "anatomy_sha256": fingerprint(plan.motion.anatomy),
+    }
+    numbers: dict[str, Any] = finite(report)
+    return numbers
+
+
+def _timesteps(plan: Plan) -> list[dict[str, Any]]:
+    """What `summary` says of each time step."""
+    stability = plan.stability
+    rows = zip(plan.motion.steps, plan.errors, plan.x, strict=False)
+    return [
+        {
+            "time": step.time,
+            "phase": plan.motion.phases[step.phase].name,
+            "objective": errors.paper,
+            "position_error": errors.position.tolist(),
+            "position_error_at": errors.position_Z.tolist(),
+            "tangent_error": errors.direction.tolist(),
+            "tangent_error_at": errors.direction_Z.tolist(),
+            "stability_margin": float(stability.margin[t]),
+            "falling_directions": int(stability.index[t]),
+            "psi_z": float(x[-2]),
+            "psi_y": float(x[-1]),
+        }
+        for t, (step, errors, x) in enumerate(rows)
+    ]
+
+
+def finite(value: Any) -> Any:
+    """The same with null in place of numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def dataset(plan: Plan) -> xr.Dataset:
+    """The whole plan as labelled arrays."""
+    Z = np.linspace(0.0, plan.motion.trunk.length, POINTS)
+    data = xr.Dataset(_arrays(plan, Z), _coordinates(plan, Z), _attributes(plan))
+    if plan.near:
+        near = np.stack(list(plan.near.values()))
+        data["near_step"] = ("near_number", np.array(list(plan.near)) + 1)
+        data["near_activation"] = (("near_number", "muscle"), near[:, :-2])
+        data["near_head"] = (("near_number", "angle"), near[:, -2:])
+    # The format reads a dimension of length 0 as unlimited: leave such arrays out.
+    return data.drop_vars([name for name, array in data.variables.items() if not array.size])
+
+
+def _arrays(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
+    """Arrays with their dimensions, units and meanings."""
+    loads = plan.loads
+    return {
+        "activation": (
+            ("time", "muscle"),
+            plan.activations,
+            {"long_name": "negative contracts"},
+        ),
+        "head": (("time", "angle"), plan.head, {"units": "rad"}),
+        "tip_force": (
+            ("time", "axis"),
+            plan.tip_forces,
+            {"units": "N", "long_name": "on the tip, pulls included"},
+        ),
+        "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
+        "contact_couple": (
+            ("time", "axis"),
+            [x.contact_couple for x in loads],
+            {"units": "N m"},
+        ),
+        "position": (
+            ("time", "Z", "axis"),
+            plan.shape.position(Z),
+            {"units": "m", "long_name": "centerline; X forwards, Y to the right, Z down"},
+        ),
+        "directors": (
+            ("time", "Z", "director", "axis"),
+            plan.shape.directors(Z),
+            {"long_name": "unit vectors: d1 dorsal, d2 right, d3 along the trunk"},
+        ),
+        "moment": (
+            ("time", "Z", "director"),
+            plan.shape.moment(Z),
+            {"units": "N m", "long_name": "internal moment in the directors"},
+        ),
+        "edge": (("edge_number",), np.asarray(plan.mesh.edges), {"units": "m"}),
+        "state": (
+            ("time", "element", "node", "component"),
+            plan.shape.states,
+            {"long_name": "collocation states: quaternion, then moment in N m"},
+        ),
+    }
+
+
+def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
+    """Labels of the dimensions."""
+    motion = plan.motion
+    return {
+        "time": ("time", motion.times[: len(plan.x)], {"units": "s"}),
+        "muscle": list(motion.trunk.muscles),
+        "angle": ["psi_z", "psi_y"],
+        "axis": ["X", "Y", "Z"],
+        "director": ["d1", "d2", "d3"],
+        "Z": ("Z", Z, {"units": "m"}),
+    }
+
+
+def _attributes(plan: Plan) -> dict[str, Any]:
+    """What is not an array: the problem itself, and how the plan was made."""
+    motion = plan.motion
+    others = [json.dumps(part) for part in (plan.notes, plan.versions, plan.options)]
+    return {
+        "title": motion.spec.title or motion.name,
+        "problem_json": motion.spec.model_dump_json(),
+        "anatomy_json": motion.anatomy.model_dump_json(),
+        "notes_json": others[0],
+        "solves_json": recorded(plan.solves, *others),
+        "status": plan.status.name.lower(),
+        "plan_mode": plan.mode,
+        "lookahead": plan.lookahead,
+        "weight_effort": plan.weights.effort,
+        "weight_rate": plan.weights.rate,
+        "converged": int(plan.converged),
+        "interrupted": int(plan.interrupted),
+        "late": int(plan.late),
+        "iterations": plan.iterations,
+        "seconds_setup": plan.setup_seconds,
+        "seconds_solve": plan.solve_seconds,
+        "seconds_derivatives": plan.derivative_seconds,
+        "seconds_total": plan.total_seconds,
+        "versions_json": others[1],
+        "options_json": others[2],
+        "problem_sha256": fingerprint(motion.spec),
+        "anatomy_sha256": fingerprint(motion.anatomy),
+        "source": f"trunk_ocp {version('trunk_ocp')}",
+    }
+
+
+def activations_table(plan: Plan) -> str:
+    """A table in CSV: one row for each time step, the passive start included.
+
+    A plan that is not solved says so at the end of every row, for no one to take it for one.
+    """
+    motion, text = plan.motion, io.StringIO(newline="")
+    mark = [] if plan.status is Status.SOLVED else [plan.status.name.lower()]
+    head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
+    writer = csv.writer(text)
+    writer.writerow([*head, *(["status"] if mark else [])])
+    writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
+    for step, x in zip(motion.steps, plan.x, strict=False):
+        phase = as_text(motion.phases[step.phase].name)
+        numbers = (f"{value:.9g}" for value in x)
+        writer.writerow([f"{step.time:.9g}", phase, *numbers, *mark])
+    return text.getvalue()
+
+
+def as_text(cell: str) -> str:
+    """A text that a spreadsheet shows, where it would take some for a formula and run it.
+
+    That is what begins with one of = + - @, a tab or a return. An apostrophe before it says that
+    text follows; it is the only way that all spreadsheets know.
+    """
+    return f"'{cell}" if cell.lstrip()[:1] in FORMULAS or cell[:1] in ("\t", "\r") else cell

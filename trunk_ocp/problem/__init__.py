@@ -1,0 +1,1 @@
+"""What is asked: problem files, motions, targets (section 5, appendix B)."""

@@ -1,0 +1,194 @@
+"""Continuous motion between time steps (section 5.2), and loads that jump where a phase starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from ..errors import InputError
+from ..model.loads import Loads, vector
+from .motion import Motion
+
+ROUNDING = 1e-12  # of the planned time: a time as near as this to a time step is at it
+SAME = 1e-6  # relative; loads that differ by less are the same to the solver that found them
+
+# Columns of the table of loads, by their names in a problem file.
+PARTS = {
+    "tip_force": slice(0, 3),
+    "tip_mass": slice(3, 6),
+    "pull": slice(6, 9),
+    "contact": slice(9, 15),
+}
+GRAVITY = 15
+
+
+def interpolate(motion: Motion, values: np.ndarray, t: float) -> np.ndarray:
+    """Values at time t in s from those at time steps 0, 1, ...: (steps + 1, n) to (n,).
+
+    "cosine" blends neighbours with zero rate at both; "none" holds the earlier one.
+    "hermite" is a cubic Hermite spline over the phase. The paper leaves its slopes open;
+    here they are the monotone ones of Fritsch & Butland, so that no value leaves the interval
+    of its neighbours, and zero at the ends of the phase, so that it joins what comes before and
+    after smoothly and the motion ends at rest. The extension of a segment, a sum over muscles
+    that each move at their own pace, may leave its bounds a little between steps (by 0.0035 at
+    most in the shipped motions); with "cosine" it cannot.
+
+    Raises
+    ------
+    InputError
+        If t is outside the planned time by more than rounding error.
+    """
+    times = _times(motion, len(values) - 1)
+    t = planned_time(motion, len(values) - 1, t)
+    i = min(max(int(np.searchsorted(times, t)), 1), len(times) - 1)  # t in (t_(i-1), t_i]
+    if t == times[i]:
+        return values[i].copy()
+    phase = motion.steps[i - 1].phase
+    kind = motion.phases[phase].interpolation
+    if t == 0 or kind == "none":
+        return values[i - 1].copy()
+    if kind == "cosine":
+        share = (1 - np.cos(np.pi * (t - times[i - 1]) / (times[i] - times[i - 1]))) / 2
+        return (1 - share) * values[i - 1] + share * values[i]
+    inside = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
+    knots = np.arange(inside[0] - 1, inside[-1] + 1)
+    slopes = np.zeros_like(values[knots])
+    if len(knots) > 2:
+        slopes[1:-1] = PchipInterpolator(times[knots], values[knots])(times[knots[1:-1]], 1)
+    return CubicHermiteSpline(times[knots], values[knots], slopes)(t)
+
+
+def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = False) -> Loads:
+    """Loads at time t in s, from those of the planned steps 1, 2, ...
+
+    At a time step they are the step's own, and before the first one weight alone. In between,
+    each load follows its phase's interpolation, from what it was at the step before - or, if it
+    jumps, from what the phase begins with; see `JumpSpec`.
+
+    Parameters
+    ----------
+    after : bool
+        At the start of a phase, the loads right after it, when those that jump have jumped.
+
+    Raises
+    ------
+    InputError
+        If t is outside the planned time by more than rounding error.
+    """
+    times = _times(motion, len(planned))
+    t = planned_time(motion, len(planned), t)
+    step = int(np.searchsorted(times, t))  # the first that is not before t
+    at_step = bool(t == times[step])
+    if at_step and not (after and step in _starts(motion, len(planned))):
+        return planned[step - 1] if step else Loads(motion.gravity)
+    end = step + 1 if at_step else step
+    table = _begun(motion, _table(motion, planned), end)
+    row = table[step] if at_step else interpolate(motion, table, t)
+    tip = row[PARTS["tip_force"]] + row[PARTS["tip_mass"]] + row[PARTS["pull"]]
+    contact = row[PARTS["contact"]]
+    touching = [load.contact_from for load in planned[max(end - 2, 0) : end]]
+    contact_from = touching[-1] if touching[-1] is not None else touching[0]
+    return Loads(
+        float(row[GRAVITY]), vector(tip), contact_from, vector(contact[:3]), vector(contact[3:])
+    )
+
+
+def jumps(motion: Motion, planned: Sequence[Loads]) -> tuple[float, ...]:
+    """Times in s at which loads of the planned steps 1, 2, ... jump: starts of phases."""
+    times = _times(motion, len(planned))
+    return tuple(
+        float(times[step])
+        for step in _starts(motion, len(planned))
+        if _differ(
+            loads_at(motion, planned, times[step]), loads_at(motion, planned, times[step], True)
+        )
+    )
+
+
+def _number(t: object) -> float:
+    """A time as a number; InputError for what is none."""
+    try:
+        value = np.asarray(t, dtype=float)
+    except (TypeError, ValueError):
+        value = np.zeros(1)
+    if t is None or value.ndim or isinstance(t, str | bytes):
+        raise InputError(f"t = {t!r}: expected one number, a time in s.")
+    return float(value)
+
+
+def planned_time(motion: Motion, count: int, t: float) -> float:
+    """Time t in s, moved to rest or one of `count` time steps where it is a rounding error away.
+
+    Raises
+    ------
+    InputError
+        If t is no number, or outside the planned time by more than rounding error.
+    """
+    times, t = _times(motion, count), _number(t)
+    end = float(times[-1])
+    if not -ROUNDING * end <= t <= end * (1 + ROUNDING):
+        raise InputError(f"t = {t!r}: expected a time from 0 to {end!r} s.")
+    nearest = float(times[np.argmin(np.abs(times - t))])
+    return nearest if abs(nearest - t) <= ROUNDING * end else t
+
+
+def with_marks(times: np.ndarray, marks: Sequence[float], gap: float) -> np.ndarray:
+    """Sorted times and marks in s; marks take the place of times that are no gap away.
+
+    The first and the last time stay.
+    """
+    if not len(marks):
+        return times
+    apart = np.abs(times[:, None] - np.asarray(marks)).min(axis=1) > gap
+    return np.unique(np.concatenate([times[[0, -1]], times[apart], marks]))
+
+
+def _times(motion: Motion, count: int) -> np.ndarray:
+    """Times (count + 1,) in s of rest and the first time steps."""
+    return np.append(0.0, motion.times[:count])
+
+
+def _starts(motion: Motion, count: int) -> list[int]:
+    """Time steps 0, 1, ... after which a phase starts that has planned steps."""
+    phases = [-1, *(step.phase for step in motion.steps[:count])]
+    return [step for step in range(count) if phases[step + 1] != phases[step]]
+
+
+def _table(motion: Motion, planned: Sequence[Loads]) -> np.ndarray:
+    """Loads at rest and at the planned steps, part by part: (steps + 1, 16), see `PARTS`."""
+    table = np.zeros((len(planned) + 1, GRAVITY + 1))
+    table[0, GRAVITY] = motion.gravity
+    for row, load, step in zip(table[1:], planned, motion.steps, strict=False):
+        mass = motion.spec.phases[step.phase].loads.tip_mass
+        row[PARTS["tip_mass"]] = (0.0, 0.0, mass * motion.spec.gravity)  # as when it was built
+        if step.pull is not None:
+            row[PARTS["pull"]] = np.subtract(load.tip_force, step.loads.tip_force)
+        known = row[PARTS["tip_mass"]] + row[PARTS["pull"]]
+        row[PARTS["tip_force"]] = load.tip_force - known
+        row[PARTS["contact"]] = (*load.contact_force, *load.contact_couple)
+        row[GRAVITY] = load.gravity
+    return table
+
+
+def _begun(motion: Motion, table: np.ndarray, step: int) -> np.ndarray:
+    """A table of loads with those that jump as they are when the phase of a step begins."""
+    table, phase = table.copy(), motion.steps[step - 1].phase
+    before = next(n for n, other in enumerate(motion.steps) if other.phase == phase)
+    spec = motion.spec.phases[phase].loads
+    for name, columns in PARTS.items():
+        if getattr(spec.jump, name):
+            grows = name == "pull" and (spec.pull is None or spec.pull.ramp)
+            table[before, columns] = 0.0 if grows else table[before + 1, columns]
+    return table
+
+
+def _differ(a: Loads, b: Loads) -> bool:
+    """Whether two loads are more than round-off and a solver's tolerance apart."""
+    pairs = ((getattr(x, name) for x in (a, b)) for name in ("tip_force", "contact_force",
+             "contact_couple"))  # fmt: skip
+    return any(
+        np.abs(np.subtract(p, q)).max() > SAME * max(np.abs(p).max(), np.abs(q).max())
+        for p, q in pairs
+    )

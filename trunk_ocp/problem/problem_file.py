@@ -1,0 +1,357 @@
+"""The format of a problem file: what a user may write to declare a motion.
+
+Angles are in degrees and say so in their names; everything else is SI, in space axes, with
++Z pointing down. `motion.py` turns a validated file into numbers; the JSON Schema for
+editors is made from these classes.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Any, Literal
+
+from annotated_types import MaxLen, MinLen
+from pydantic import Field, PositiveInt, model_validator
+
+from .._support.toml_files import NonNegative, Number, Pair, Positive, Strict, Text
+
+Vec3 = tuple[Number, Number, Number]
+Interpolation = Literal["cosine", "hermite", "none"]
+Origin = Literal["base", "passive-tip"]
+
+MOST_STEPS = 1000
+"""Of a motion; all are one programme, which takes minutes and gigabytes beyond."""
+MOST_POINTS = 100
+"""Of a wrap, and targets of a phase: a trunk has no more places than that to steer."""
+MOST_CONTROLS = 50
+"""Control points of a curve; the powers of more are beyond the digits of a number."""
+MOST_WAY_POINTS = 1000
+"""Of a curve through way points."""
+MOST_ENTRIES = 1000
+"""Of any other list."""
+ROUND_OFF = 1e-9
+"""Share of a phase by which its last way point may be late; others are further apart."""
+
+
+class HeldSpec(Strict):
+    """A direction taken from the motion itself: the one that time step `step` reaches."""
+
+    held_from_step: Annotated[PositiveInt, Field(description="time step, counted from 1")]
+
+
+Direction = Vec3 | HeldSpec
+
+WayPoint = Annotated[tuple[Number, ...], MinLen(3), MaxLen(4)]
+"""[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
+WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MOST_WAY_POINTS)]
+THROUGH = (
+    "way points on a smooth curve, followed over the phase: rows [t, x, y, z] with t in s from "
+    "the phase's start, or [x, y, z] at equal times"
+)
+
+
+def _check_rows(rows: tuple[WayPoint, ...]) -> None:
+    """Raise ValueError unless way points all have a time or all have none, and times increase."""
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("through: expected rows all [x, y, z] or all [t, x, y, z], not both")
+    if len(rows[0]) == 3:
+        return
+    for number, (one, two) in enumerate(pairwise(rows), 2):
+        if not one[0] < two[0]:
+            raise ValueError(
+                f"through[{number}] is at t = {two[0]:g} s, the row before at {one[0]:g} s; "
+                "expected times that increase"
+            )
+    if rows[0][0] < 0:
+        raise ValueError(
+            f"through[1] is at t = {rows[0][0]:g} s; expected 0 or later, from the phase's start"
+        )
+
+
+def _check_times(times: list[float], duration: float) -> None:
+    """Raise ValueError unless times (s) of way points are within a phase and far enough apart."""
+    if times[-1] > duration * (1 + ROUND_OFF):
+        raise ValueError(
+            f"through ends at t = {times[-1]:g} s, the phase at {duration:g} s; "
+            "expected times in s from the phase's start, within its duration"
+        )
+    least = 2 * ROUND_OFF * duration  # so that at most one of them is beyond the phase's end
+    for number, (one, two) in enumerate(pairwise(times), 2):
+        if two - one < least:
+            raise ValueError(
+                f"through[{number}] is at t = {two:.12g} s, {two - one:.3g} s after the row before "
+                f"it; expected at least {least:.3g} s between two way points. Remove one of them"
+            )
+
+
+class TargetSpec(Strict):
+    """Where one point of the trunk should be, and which way it should face (eq. 41)."""
+
+    Z: Annotated[NonNegative, Field(description="point of the trunk, m from the base")]
+    position: Vec3 | None = None
+    path: Annotated[
+        tuple[Vec3, ...] | None,
+        Field(
+            min_length=2,
+            max_length=MOST_CONTROLS,
+            description="Bezier control points; followed over the phase (eq. 53). The curve "
+            "meets the first and the last only",
+        ),
+    ] = None
+    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
+    origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
+    position_weight: NonNegative = 1.0
+    d1: Direction | None = None
+    d2: Direction | None = None
+    d3: Direction | None = None
+    d1_weight: NonNegative = 1.0
+    d2_weight: NonNegative = 1.0
+    d3_weight: NonNegative = 1.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TargetSpec:
+        places = [n for n in ("position", "path", "through") if getattr(self, n) is not None]
+        if len(places) > 1:
+            raise ValueError(f"a target has {places[0]} or {places[1]}, not both")
+        if not places and all(v is None for v in (self.d1, self.d2, self.d3)):
+            raise ValueError("a target needs a position, a path, through or a direction d1, d2, d3")
+        if self.through is not None:
+            _check_rows(self.through)
+        for name in ("d1", "d2", "d3"):
+            if getattr(self, name) == (0.0, 0.0, 0.0):
+                raise ValueError(f"{name} must not be the zero vector")
+        return self
+
+
+class WrapSpec(Strict):
+    """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
+
+    Z: Annotated[Pair, Field(description="first and last point of the trunk that wraps, m")]
+    points: Annotated[int, Field(ge=2, le=MOST_POINTS)] = 6
+    log_radius: Positive
+    angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
+    center: Vec3 | None = None
+    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MOST_CONTROLS)] = None
+    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
+    origin: Origin = "base"
+    position_weights: tuple[NonNegative, ...]
+    d3_weights: tuple[NonNegative, ...]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> WrapSpec:
+        if sum(v is not None for v in (self.center, self.path, self.through)) != 1:
+            raise ValueError("a wrap has either a center or a path of the center, or through")
+        if self.through is not None:
+            _check_rows(self.through)
+        if not self.Z[0] < self.Z[1]:
+            raise ValueError(f"Z must increase, it is [{self.Z[0]:g}, {self.Z[1]:g}]")
+        for name in ("position_weights", "d3_weights"):
+            count = len(getattr(self, name))
+            if count != self.points:
+                raise ValueError(f"{name} must have one entry for each of {self.points} points")
+        return self
+
+
+class PullSpec(Strict):
+    """A tip force along a director that an earlier step reached (eq. 44)."""
+
+    force: Annotated[Number, Field(description="N, at the last step of the phase")]
+    along: Literal["d1", "d2", "d3"] = "d3"
+    held_from_step: PositiveInt
+    ramp: Annotated[bool, Field(description="grow in equal parts over the phase's steps")] = True
+
+
+class LogSpec(Strict):
+    """A cylinder that the trunk carries (eqs. 12, 13, 54)."""
+
+    contact_from: Annotated[NonNegative, Field(description="Z_w in m")]
+    radius: Positive
+    length: Positive
+    density: Positive
+    offset: Annotated[
+        Number, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")
+    ] = 0.0
+
+
+class JumpSpec(Strict):
+    """Loads that change at once where their phase starts; the others are interpolated in time.
+
+    Right after the start, a load that jumps has the phase's value, a pull that grows none, and
+    what the phase before had is gone.
+    """
+
+    tip_force: bool = False
+    tip_mass: bool = True
+    pull: bool = True
+    contact: Annotated[bool, Field(description="the log, or contact_force and contact_couple")] = (
+        False
+    )
+
+
+class LoadsSpec(Strict):
+    """Loads besides the trunk's own weight, during one phase."""
+
+    tip_force: Vec3 = (0.0, 0.0, 0.0)
+    tip_mass: NonNegative = 0.0
+    pull: PullSpec | None = None
+    contact_from: NonNegative | None = None
+    contact_force: Vec3 = (0.0, 0.0, 0.0)
+    contact_couple: Vec3 = (0.0, 0.0, 0.0)
+    log: LogSpec | None = None
+    jump: Annotated[
+        JumpSpec, Field(description="which loads change at once at the phase's start")
+    ] = JumpSpec()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> LoadsSpec:
+        contact = any((*self.contact_force, *self.contact_couple))
+        if self.log is not None and (contact or self.contact_from is not None):
+            raise ValueError("give either a log or contact_from, contact_force, contact_couple")
+        if contact and self.contact_from is None:
+            raise ValueError("contact_force and contact_couple need contact_from")
+        return self
+
+
+class LimitsSpec(Strict):
+    """Bounds of one phase; what is left out is as in the motion's [bounds]."""
+
+    activation: Pair | None = None
+    muscles: Annotated[
+        dict[str, Pair],
+        Field(
+            description="by name or pattern (R1-dl, *3-dl, L*); later ones override",
+            max_length=MOST_ENTRIES,
+        ),
+    ] = Field(default_factory=dict)
+    head_z_deg: Pair | None = None
+    head_y_deg: Pair | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> LimitsSpec:
+        pairs = {name: getattr(self, name) for name in ("activation", "head_z_deg", "head_y_deg")}
+        pairs |= {f'muscles."{name}"': pair for name, pair in self.muscles.items()}
+        for name, pair in pairs.items():
+            if pair is not None and not pair[0] <= pair[1]:
+                raise ValueError(
+                    f"{name} = [{pair[0]:g}, {pair[1]:g}]: the lower bound is above the upper"
+                )
+        return self
+
+
+class BoundsSpec(LimitsSpec):
+    """Bounds of the whole motion."""
+
+    activation: Pair
+    extension: Annotated[Pair, Field(description="of the activated trunk (eq. 42)")]
+
+    @model_validator(mode="after")
+    def _extension(self) -> BoundsSpec:
+        low, high = self.extension
+        if not 0 < low <= high:
+            raise ValueError(f"extension = [{low:g}, {high:g}]: expected 0 < lower <= upper")
+        return self
+
+
+class ChangeSpec(Strict):
+    """Bounds on the change from one time step to the next (appendix B)."""
+
+    steps: Annotated[
+        tuple[PositiveInt, PositiveInt] | None,
+        Field(description="first and last step of this phase they hold for; default: all"),
+    ] = None
+    activation: NonNegative | None = None
+    head_z_deg: Pair | None = None
+    head_y_deg: Pair | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ChangeSpec:
+        for name in ("head_z_deg", "head_y_deg"):
+            pair = getattr(self, name)
+            if pair is not None and not pair[0] <= pair[1]:
+                raise ValueError(
+                    f"{name} = [{pair[0]:g}, {pair[1]:g}]: the lower bound is above the upper"
+                )
+        return self
+
+
+class AuxiliarySpec(Strict):
+    """Sequential solve only: first solve the step without loads (appendix B).
+
+    The unloaded optimum is where the loaded one starts and, with a deviation, what it must
+    stay near.
+    """
+
+    activation_deviation: NonNegative | None = None
+    head_deviation_deg: NonNegative | None = None
+
+
+class PhaseSpec(Strict):
+    """A stretch of the motion with one kind of target, load and bound."""
+
+    name: Text
+    duration: Positive
+    steps: Annotated[PositiveInt, Field(le=MOST_STEPS)] = 1
+    interpolation: Interpolation = "cosine"
+    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MOST_POINTS)] = ()
+    wrap: WrapSpec | None = None
+    loads: LoadsSpec = LoadsSpec()
+    bounds: LimitsSpec = LimitsSpec()
+    change: Annotated[tuple[ChangeSpec, ...], Field(max_length=MOST_ENTRIES)] = ()
+    auxiliary: AuxiliarySpec | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> PhaseSpec:
+        if not self.targets and self.wrap is None:
+            raise ValueError("a phase needs targets or a wrap")
+        for place in (*self.targets, self.wrap):
+            if place is not None and place.through and len(place.through[0]) == 4:
+                _check_times([row[0] for row in place.through], self.duration)
+        for change in self.change:
+            first, last = change.steps or (1, self.steps)
+            if not first <= last <= self.steps:
+                raise ValueError(
+                    f"change.steps = [{first}, {last}]: this phase has steps 1 to {self.steps}"
+                )
+        return self
+
+
+class ToleranceSpec(Strict):
+    """When a target counts as reached; a motion that misses one is not called solved."""
+
+    position: Annotated[
+        Positive | None,
+        Field(description="m; default: 0.02 m for a trunk of 1.75 m, in proportion for others"),
+    ] = None
+    direction: Annotated[Positive, Field(description="length of a director's error")] = 0.05
+
+
+class ProblemSpec(Strict):
+    """A whole problem file."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
+    title: Text = ""
+    anatomy: Annotated[Text, Field(description="shipped name, or a path from this file")] = (
+        "asian-elephant"
+    )
+    gravity: Number = 9.8
+    bounds: BoundsSpec
+    tolerance: ToleranceSpec = ToleranceSpec()
+    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1, max_length=MOST_STEPS)]
+
+    @model_validator(mode="after")
+    def _planned_together(self) -> ProblemSpec:
+        count = sum(phase.steps for phase in self.phases)
+        if count > MOST_STEPS:
+            raise ValueError(
+                f"phases have {count} steps together; expected at most {MOST_STEPS}, which are "
+                "planned as one programme. Split the motion into files"
+            )
+        return self
+
+
+def problem_schema() -> dict[str, Any]:
+    """JSON Schema of a problem file, for editors."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **ProblemSpec.model_json_schema(),
+    }

@@ -1,0 +1,211 @@
+"""Where points of the trunk should be at a time step (eqs. 41-53)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ..errors import InputError, StaticsError
+from ..model.anatomy import Trunk
+from ..model.loads import Loads, Vector, vector
+from ..rod.statics import solve_statics
+from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, Vec3, WayPoint, WrapSpec
+
+
+@dataclass(frozen=True)
+class Held:
+    """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
+
+    step: int
+    Z: float
+    director: int
+
+
+Direction = Vector | Held
+
+
+@dataclass(frozen=True)
+class Target:
+    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights."""
+
+    Z: float
+    position: Vector | None
+    position_weight: float
+    directions: tuple[Direction | None, Direction | None, Direction | None]
+    direction_weights: Vector
+
+    def pairs(self) -> list[tuple[int, Direction, float]]:
+        """The directors that count: (index, desired direction, weight)."""
+        return [
+            (j, d, w)
+            for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
+            if d is not None and w > 0
+        ]
+
+
+def all_targets(spec: ProblemSpec, trunk: Trunk) -> list[tuple[Target, ...]]:
+    """Targets of every time step, with numbers in place of paths and arcs.
+
+    Raises
+    ------
+    InputError
+        For points off the trunk, or directions held from a step that is not earlier.
+    """
+    origins = {"base": np.zeros(3), "passive-tip": np.zeros(3)}
+    parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
+    if any(part.origin == "passive-tip" for part in parts):
+        origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
+    found: list[tuple[Target, ...]] = []
+    for number, phase in enumerate(spec.phases, 1):
+        for i in range(1, phase.steps + 1):
+            where = f"phases[{number}]"
+            found.append(phase_targets(phase, i, trunk, origins, len(found), where))
+    return found
+
+
+@lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
+def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
+    """Where the tip of the trunk at rest is under its own weight, m."""
+    try:
+        rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
+        return vector(rest.position(np.array([trunk.length]))[0])
+    except StaticsError as error:
+        raise InputError(
+            'origin = "passive-tip": the passive trunk does not hold its own weight '
+            f"({error}) Expected a youngs_modulus in Pa, a density in kg/m^3 and a gravity in "
+            'm/s^2 that fit together; or measure from origin = "base".'
+        ) from None
+
+
+def phase_targets(
+    phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+) -> tuple[Target, ...]:
+    """Targets of step i of a phase, with numbers in place of paths and arcs."""
+    targets = []
+    for n, spec in enumerate(phase.targets, 1):
+        place = _place(spec, spec.position, phase, i, origins)
+        targets.append(_point(spec, place, trunk, step, f"{where}.targets[{n}]"))
+    if phase.wrap is not None:
+        for Z in phase.wrap.Z:
+            _on_trunk(Z, trunk, f"{where}.wrap.Z")
+        place = _place(phase.wrap, phase.wrap.center, phase, i, origins)
+        targets += _arc(phase.wrap, np.asarray(place), trunk, f"{where}.wrap")
+    return tuple(targets)
+
+
+def _place(
+    spec: TargetSpec | WrapSpec,
+    fixed: Vec3 | None,
+    phase: PhaseSpec,
+    i: int,
+    origins: dict[str, np.ndarray],
+) -> Vector | None:
+    """Where a target or a wrap's center is at step i of its phase, in m; None if nowhere."""
+    if spec.path is not None:
+        place = bezier(spec.path, i / phase.steps)
+    elif spec.through is not None:
+        times, points = way_points(spec.through, phase)
+        time = np.clip(phase.duration * i / phase.steps, times[0], times[-1])
+        place = CubicSpline(times, points)(time)
+    elif fixed is not None:
+        place = np.asarray(fixed)
+    else:
+        return None
+    return vector(origins[spec.origin] + place)
+
+
+def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s from the phase's start and places (n, 3) in m of way points.
+
+    Rows without a time are at equal ones: one at each step if there are as many, else from the
+    phase's start to its end.
+    """
+    table = np.asarray(rows, dtype=float)
+    if table.shape[1] == 4:
+        return np.minimum(table[:, 0], phase.duration), table[:, 1:]
+    first = phase.duration / phase.steps if len(table) == phase.steps else 0.0
+    return np.linspace(first, phase.duration, len(table)), table
+
+
+def _point(
+    spec: TargetSpec, position: Vector | None, trunk: Trunk, step: int, where: str
+) -> Target:
+    Z = _on_trunk(spec.Z, trunk, f"{where}.Z")
+    directions: list[Direction | None] = []
+    for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
+        if isinstance(wanted, HeldSpec):
+            check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
+            directions.append(Held(wanted.held_from_step - 1, Z, j))
+        else:
+            directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
+    weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
+    return Target(
+        Z,
+        position,
+        spec.position_weight,
+        (directions[0], directions[1], directions[2]),
+        weights,
+    )
+
+
+def _arc(spec: WrapSpec, center: np.ndarray, trunk: Trunk, where: str) -> list[Target]:
+    """Targets of a wrapping arc (eqs. 46-52): contact on the ventral side of a cylinder."""
+    first, last = trunk.clipped(spec.Z).tolist()
+    Z = np.linspace(first, last, spec.points)
+    theta = np.radians(np.linspace(*spec.angles_deg, spec.points))
+    theta = np.append(theta, 2 * theta[-1] - theta[-2])  # the fictitious point of eq. (49)
+    distance = spec.log_radius + trunk.radius(np.append(Z, Z[-1]))
+    points = center + distance[:, None] * np.stack(
+        [np.sin(theta), np.zeros_like(theta), np.cos(theta)], axis=-1
+    )
+    chords = np.diff(points, axis=0)
+    if not np.all(np.linalg.norm(chords, axis=1) > 0):
+        raise InputError(
+            f"{where}.angles_deg = {list(spec.angles_deg)}: neighbouring points of the wrap "
+            "coincide; expected different angles at both ends."
+        )
+    return [
+        Target(
+            float(Z[p]),
+            vector(points[p]),
+            spec.position_weights[p],
+            (None, None, vector(_unit(chords[p]))),
+            (0.0, 0.0, spec.d3_weights[p]),
+        )
+        for p in range(spec.points)
+    ]
+
+
+def bezier(points: Sequence[Vec3], t: float) -> np.ndarray:
+    """Point of a Bezier curve (eq. 53, whose first coefficient must read (1 - t)^2)."""
+    layer = np.asarray(points, dtype=float)
+    while len(layer) > 1:  # de Casteljau
+        layer = (1 - t) * layer[:-1] + t * layer[1:]
+    return layer[0]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
+    """Z itself, without what rounding adds beyond the ends; InputError for other points."""
+    Z = float(trunk.clipped(Z))
+    if not 0 <= Z <= trunk.length:
+        units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
+        names, values = " or ".join(u for u, _ in units), " or ".join(f"{v:g}" for _, v in units)
+        hint = f" Is it in {names}? Write {values}." if units and Z > 5 * trunk.length else ""
+        raise InputError(
+            f"{where} = {Z:.12g}: expected a point of the trunk, 0 to {trunk.length:.12g} m.{hint}"
+        )
+    return Z
+
+
+def check_earlier(number: int, step: int, where: str) -> None:
+    """Raise InputError unless time step `number` (from 1) comes before step `step` (from 0)."""
+    if number > step:
+        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {step}.")

@@ -1,0 +1,265 @@
+"""Whether an equilibrium of the rod is stable: the second variation of its energy.
+
+Stretch enters the energy as a convex quadratic at each Z, so it can be minimised out there. What
+remains under dead loads is a functional of the directors alone, with the force N(Z) known:
+
+    Pi = int_0^L zeta_hat (sum_i K_i / (2 mean^2) (u_i - u_hat_i)^2
+                           - n_3 - mean / (2 K_0) n_3^2) dZ,
+
+n_3 = N . d_3. Turned by a small rotation y(Z) in space axes, y(0) = 0, the energy changes by half
+
+    Q[y] = int_0^L (gamma . B gamma + M . (y' x y) + zeta (n_3 |y|^2 - (d_3 . y) (N . y))
+                    - zeta_hat mean / K_0 (y . (N x d_3))^2) dZ,
+
+gamma_i = d_i . y' being the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and M
+the moment in space axes. The first term is what bends back; all others are the loads' doing. The
+equilibrium is stable if Q is positive for every y (Trefftz's criterion).
+
+A couple that keeps its direction in space is not conservative in three dimensions (Ziegler,
+Principles of Structural Stability, 1968). Its moment is in M, but its own tangent, 1/2 l x eta in
+the rotation vector eta, is skew: it adds nothing to Q, which is the symmetric part of the tangent
+stiffness. By Bromwich's bound a positive Q then excludes divergence, that is static buckling, but
+not flutter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
+from ..model.anatomy import check_activation
+from ..model.loads import Loads, internal_force
+from .collocation import Mesh, gauss
+from .statics import Shape
+
+MOST_DENSE = 240  # unknowns of a matrix; beyond, elements are condensed one by one
+LARGEST = 1e12  # share of the stiffness that is looked for
+MARGIN = 1e-11  # to which a margin is then found
+NEUTRAL = 1e-5  # share of the stiffness; on the meshes of plans the margin is off by up to 2e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Stability:
+    """How far equilibria are from buckling, with the batch axes (...) of their shapes.
+
+    Attributes
+    ----------
+    margin : (...,)
+        Least Q[y] / int gamma . B gamma dZ, no unit: what the loads leave of the stiffness in the
+        direction that they weaken most. 1 without loads, never more; 0 where the shape buckles;
+        1 - P / P_cr for a straight column under a thrust P.
+    index : (...,) int
+        Independent directions in which the energy falls (Morse index).
+    """
+
+    margin: np.ndarray
+    index: np.ndarray
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether the energy rises in every direction, (...,) bool; False if one is neutral."""
+        return np.asarray(self.margin > NEUTRAL)
+
+
+def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> Stability:
+    """Stability of equilibria (...) as `solve_statics` returned them for the other arguments.
+
+    y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials
+    and Q a sum by the Gauss rule: the Gauss method's own variational form (Marsden & West, Acta
+    Numerica 10, 2001, part 2), of the same order 2d. With gamma scaled by sqrt(B) the
+    margin is the least eigenvalue of one symmetric matrix. On long meshes, where that takes time
+    as the cube of the nodes, it is bisected for instead, which takes time as the nodes.
+
+    Parameters
+    ----------
+    activation : (..., muscles)
+    loads : Loads or one for each shape along the last batch axis
+
+    Raises
+    ------
+    InputError
+        For activations or loads that do not go with the shape's batch axes.
+    """
+    trunk, batch = shape.trunk, shape.states.shape[:-3]
+    activation = check_activation(trunk, activation)
+    every = [loads] if isinstance(loads, Loads) else list(loads)
+    Z = shape.mesh.points.ravel()
+    force = np.reshape([internal_force(load, trunk, Z) for load in every], (-1, Z.size, 3))
+    try:
+        force = np.broadcast_to(force[0] if len(every) == 1 else force, (*batch, Z.size, 3))
+        every_activation = np.broadcast_to(activation, (*batch, activation.shape[-1]))
+    except ValueError:
+        raise InputError(
+            f"activation and loads: expected leading axes that match those of the shape, {batch}, "
+            f"got {activation.shape[:-1]} with {len(every)} loads."
+        ) from None
+    integral = _integral(shape.mesh) if 3 * Z.size <= MOST_DENSE else None
+    margin, index = np.empty(batch), np.zeros(batch, dtype=int)
+    for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
+        parts = _integrand(shape[i], every_activation[i], force[i])
+        if integral is not None:
+            values = _eigenvalues(integral, *parts)
+            margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL)
+        else:
+            margin[i], index[i] = _Chain.of(shape.mesh, *parts).margin()
+    return Stability(np.minimum(margin, 1.0), index)
+
+
+def _integrand(
+    shape: Shape, activation: np.ndarray, N: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Q = sum over n Gauss points of |s|^2 + y . (by_turn y + by_rate y'), y' = rate s.
+
+    activation : (..., muscles); N : (..., n, 3), force on the sections in N and space axes.
+    Returns rate, by_turn and by_rate, (..., n, 3, 3), with the Gauss weights in them.
+    """
+    trunk, mesh = shape.trunk, shape.mesh
+    Z = mesh.points.ravel()
+    weights = (mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)).ravel()
+    zeta_hat, _ = intrinsic_strain(trunk, activation, Z)
+    mean = mean_extension(trunk, strains(trunk, activation))[..., None]
+    K = stiffness(trunk, Z)
+    B = K[:, 1:] / (mean**2 * zeta_hat)[..., None]
+    d = shape.directors(Z)
+    rate = d.swapaxes(-1, -2) / np.sqrt(weights[:, None] * B)[..., None, :]
+
+    softness = mean / K[:, 0]
+    d3 = d[..., 2, :]
+    n3 = np.sum(N * d3, axis=-1)
+    zeta = zeta_hat * (1 + n3 * softness)
+    across = np.cross(N, d3)
+    by_turn = (
+        _per_matrix(weights * zeta * n3) * np.eye(3)
+        - _per_matrix(weights * zeta) * _outer(d3, N)
+        - _per_matrix(weights * zeta_hat * softness) * _outer(across, across)
+    )
+    M = np.einsum("...i,...ij->...j", shape.moment(Z), d)
+    by_rate = _per_matrix(weights) * np.cross(np.eye(3), M[..., None, :])
+    return rate, by_turn, by_rate
+
+
+def _eigenvalues(
+    integral: np.ndarray, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray
+) -> np.ndarray:
+    """Eigenvalues (3 n,), rising, of Q in the unknowns s (n, 3); see `_integrand`.
+
+    integral : (n, n), from y' to y.
+    """
+    size, points = 3 * len(integral), np.arange(len(integral))
+    turn = np.einsum("kl,lai->kali", integral, rate)
+    load = by_turn @ turn.reshape(-1, 3, size)
+    own = load.reshape(-1, 3, len(integral), 3)
+    own[points, :, points] += by_rate @ rate
+    Q = turn.reshape(size, size).T @ load.reshape(size, size)
+    if not np.all(np.isfinite(Q)):  # no equilibrium, which is not stable either
+        return np.full(size, np.nan)
+    return np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """Q of one shape, element by element: in the unknowns s (3 d) and the turn y at the left edge.
+
+    With P the least that all elements beyond make of the turn y_1 at the right edge, y_1 . P y_1,
+
+        Q - share |s|^2 = s . (own - share) s + 2 y . mixed s + y . edge y + y_1 . P y_1,
+
+    y_1 = y + over s. Its least over s is the P of the element before. By Haynsworth's rule on Schur
+    complements, Q has as many eigenvalues below the share as the matrices of s have below zero.
+
+    Attributes
+    ----------
+    own : (E, 3 d, 3 d)
+    mixed, over : (E, 3, 3 d)
+    edge : (E, 3, 3)
+    """
+
+    own: np.ndarray
+    mixed: np.ndarray
+    over: np.ndarray
+    edge: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> _Chain:
+        """The chain of an integrand (n, 3, 3) on a mesh; see `_integrand`."""
+        element, E, d = gauss(mesh.degree), mesh.elements, mesh.degree
+        each = (E, d, 3, 3)
+        rates = (mesh.widths[:, None, None, None] * rate.reshape(each)).swapaxes(1, 2)
+        turn = np.einsum("kj,eajb->ekajb", element.integral(element.nodes), rates)
+        over = element.integral(1.0)[:, None] * rates
+        A = (by_turn + by_turn.swapaxes(-1, -2)).reshape(each) / 2
+        load = np.einsum("ekac,ekcjb->ekajb", A, turn)
+        mixed = load.sum(axis=1)
+        half = (by_rate @ rate).reshape(each) / 2
+        mixed += half.swapaxes(1, 2)
+        points = np.arange(d)
+        load[:, points, :, points] += 2 * half.swapaxes(0, 1)
+        Q = turn.reshape(E, 3 * d, 3 * d).swapaxes(1, 2) @ load.reshape(E, 3 * d, 3 * d)
+        own = np.eye(3 * d) + (Q + Q.swapaxes(1, 2)) / 2
+        return cls(own, mixed.reshape(E, 3, -1), over.reshape(E, 3, -1), A.sum(axis=1))
+
+    def margin(self) -> tuple[float, int]:
+        """Least eigenvalue, 1 if it is more, and how many are below -NEUTRAL."""
+        low, high = 0.0, 1.0
+        if not all(np.all(np.isfinite(part)) for part in (self.own, self.mixed, self.edge)):
+            return math.nan, 0  # no equilibrium, which is not stable either
+        if not self.below(high - MARGIN, 1):
+            return 1.0, 0
+        while low > -LARGEST and self.below(low, 1):
+            low, high = 10 * low - 1, low
+        while high - low > MARGIN * max(1.0, -low):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.below(middle, 1) else (middle, high)
+        return low, self.below(-NEUTRAL) if low < -NEUTRAL else 0
+
+    def below(self, share: float, enough: float = math.inf) -> int:
+        """How many eigenvalues are below a share of the stiffness; or some, if `enough` are."""
+        count, P = 0, np.zeros((3, 3))
+        for own, mixed, over, edge in zip(
+            self.own[::-1], self.mixed[::-1], self.over[::-1], self.edge[::-1], strict=True
+        ):
+            push = P @ over
+            matrix = own + over.T @ push
+            matrix.flat[:: len(own) + 1] -= share
+            try:
+                np.linalg.cholesky(matrix)
+            except np.linalg.LinAlgError:
+                if not np.all(np.isfinite(matrix)):
+                    return count + 1  # beyond all measure
+                count += int(np.count_nonzero(np.linalg.eigvalsh(matrix) <= 0))
+                if count >= enough:
+                    return count
+            right = mixed + push
+            try:
+                P = edge + P - right @ np.linalg.solve(matrix, right.T)
+            except np.linalg.LinAlgError:
+                return max(count, 1)  # just at an eigenvalue
+            P = (P + P.T) / 2
+        return count
+
+
+def _integral(mesh: Mesh) -> np.ndarray:
+    """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each."""
+    element, E = gauss(mesh.degree), mesh.elements
+    before, own = np.tri(E, k=-1), np.eye(E)
+    parts = (
+        before[:, None, :, None] * element.integral(1.0)
+        + own[:, None, :, None] * element.integral(element.nodes)[:, None]
+    )
+    n = E * mesh.degree
+    return (parts * mesh.widths[:, None]).reshape(n, n)
+
+
+def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Outer products (..., 3, 3) of vectors (..., 3)."""
+    return a[..., :, None] * b[..., None, :]
+
+
+def _per_matrix(a: np.ndarray) -> np.ndarray:
+    """Numbers (...) as factors (..., 1, 1) of matrices."""
+    return a[..., None, None]

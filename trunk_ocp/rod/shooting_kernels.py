@@ -1,0 +1,307 @@
+"""Compiled equilibrium shapes: multiple shooting along the trunk, in microseconds. Needs numba.
+
+Unknowns are the states at the edges of integration steps, each step one of the eighth-order
+method of Dormand & Prince; Newton's method starts from the unloaded shape, known in closed form.
+All directions but four are condensed while marching (Schloeder's trick: Bock & Plitt 1984;
+Schloeder 1988): the three of m(0), and one that carries the gaps between steps. So a Newton
+step costs as little as single shooting's, and converges from as far as collocation's.
+
+The rod's equations and their derivatives are `rod.rates`, translated from CasADi's instructions,
+so they stand in one place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import casadi as ca
+import numba
+import numpy as np
+from scipy.integrate import DOP853
+
+from .._support.casadi_to_python import python_source
+from .equations import RATES, STATES, rates
+
+STAGES = 12
+PATH = 10  # q, m, r at a step's edge
+COLUMNS = 4  # tangents marched together
+VARIED = 12  # what they vary: the state and five strains
+_A = np.ascontiguousarray(DOP853.A[:STAGES, :STAGES])
+_B = np.ascontiguousarray(DOP853.B)
+NODES = np.ascontiguousarray(DOP853.C[:STAGES])
+
+MAX_ITERATIONS = 25
+TOLERANCE = 1e-4  # on the last Newton step, relative; the error after it is its square
+SMALLEST_LOAD_STEP = 1e-4
+
+# NaN and infinity keep their meaning, which tell a Newton iteration that has gone astray.
+_compile: Any = numba.njit(
+    error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz", "arcp"}
+)
+
+
+def _directional_rates() -> Any:
+    """Compiled (w, p, D) -> rates (10) and their derivatives (10 x 4) along D.
+
+    D (12 x 4), by columns: four directions of the state (7) and the strains (5).
+    """
+    w, p, D = ca.SX.sym("w", 15), ca.SX.sym("p", 11), ca.SX.sym("D", VARIED, COLUMNS)
+    value = rates()(w, p)
+    along = ca.densify(ca.mtimes(ca.jacobian(value, w)[:, :VARIED], D))
+    namespace: dict[str, Any] = {}
+    function = ca.Function("directional_rates", [w, p, D], [value, along])
+    exec(python_source(function, "directional_rates"), namespace)  # written by us, just above
+    return _compile(namespace["directional_rates"])
+
+
+directional_rates = _directional_rates()
+
+
+@_compile
+def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
+    """One step from a state x (10) with tangents T (4, 10) to `end` with T_end.
+
+    D (48): the directions for `directional_rates`; its strains are the caller's.
+    """
+    for s in range(STAGES):
+        for i in range(STATES):
+            value = x[i]
+            for j in range(s):
+                value += h * _A[s, j] * k[j, i]
+            w[i] = value
+        for c in range(COLUMNS):
+            for i in range(STATES):
+                value = T[c, i]
+                for j in range(s):
+                    value += h * _A[s, j] * kT[j, c * RATES + i]
+                D[c * VARIED + i] = value
+        for i in range(5):
+            p[i] = points[s, i]
+        for i in range(5, 11):
+            p[i] = fraction * points[s, i]
+        directional_rates(w, p, D, k[s], kT[s])
+    for i in range(PATH):
+        value = x[i]
+        for s in range(STAGES):
+            value += h * _B[s] * k[s, i]
+        end[i] = value
+        for c in range(COLUMNS):
+            value = T[c, i]
+            for s in range(STAGES):
+                value += h * _B[s] * kT[s, c * RATES + i]
+            T_end[c, i] = value
+
+
+@_compile
+def _newton(path, fraction, w, points, h, strain, segment, floor):
+    """Newton's method on the path (n + 1, 10) of one rod, in place; whether it converged."""
+    n = h.size
+    T, end, D = np.zeros((n + 1, COLUMNS, PATH)), np.empty(PATH), np.zeros(COLUMNS * VARIED)
+    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(11)
+    for c in range(3):
+        T[0, c, 4 + c] = 1.0
+    for _ in range(MAX_ITERATIONS):
+        for e in range(n):
+            for i in range(4):
+                w[STATES + i] = strain[segment[e], i]
+            _march(path[e], T[e], end, T[e + 1], D, w, points[e], fraction, h[e], k, kT, p)
+            for i in range(PATH):
+                T[e + 1, 3, i] += end[i] - path[e + 1, i]
+        # m(L) vanishes after the step: three equations for the change of m(0), by Cramer's rule.
+        m1, m2, m3 = T[n, 0, 4:7], T[n, 1, 4:7], T[n, 2, 4:7]
+        rest = -path[n, 4:7] - T[n, 3, 4:7]
+        volume = _triple(m1, m2, m3)
+        alpha, beta, gamma = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
+        alpha, beta, gamma = alpha / volume, beta / volume, gamma / volume
+        if not abs(alpha) + abs(beta) + abs(gamma) < np.inf:
+            return False  # max() below passes NaN over
+        turn, moment, largest = 0.0, 0.0, floor
+        for e in range(n + 1):
+            for i in range(PATH):
+                change = alpha * T[e, 0, i] + beta * T[e, 1, i] + gamma * T[e, 2, i] + T[e, 3, i]
+                path[e, i] += change
+                if i < 4:
+                    turn = max(turn, abs(change))
+                elif i < STATES:
+                    moment = max(moment, abs(change))
+                    largest = max(largest, abs(path[e, i]))
+        size = turn + moment / largest
+        if size < TOLERANCE:
+            return True
+        if not size < 1e6:
+            return False
+    return False
+
+
+@_compile
+def _triple(a, b, c):
+    """Determinant of three columns."""
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
+@_compile
+def _unloaded(path, strain, segment, edges, taper, k):
+    """Unloaded path from its first point on: one conical spiral a step; see `unloaded`."""
+    for e in range(edges.size - 1):
+        zeta, c1, c2, c3 = strain[segment[e]]
+        width, f = edges[e + 1] - edges[e], taper[e]
+        length = -math.log1p(-k * width / f) / k if k > 0.0 else width
+        bend = math.sqrt(c1 * c1 + c2 * c2 + c3 * c3)
+        scale = 1.0 / bend if bend > 0.0 else 0.0
+        a1, a2, a3 = scale * c1, scale * c2, scale * c3
+        angle = bend * zeta * length
+        real, imaginary = _expm1_over(-k * length, angle)
+        real, imaginary = f * length * real, f * length * imaginary
+        # In the body frame at the start: along the axis, and the wave across it.
+        along = a3 * (width - real)
+        r1 = zeta * (along * a1 + imaginary * a2)
+        r2 = zeta * (along * a2 - imaginary * a1)
+        r3 = zeta * (along * a3 + real)
+        s, v = math.cos(angle / 2), math.sin(angle / 2)
+        v1, v2, v3 = v * a1, v * a2, v * a3
+        q0, q1, q2, q3 = path[e, 0], path[e, 1], path[e, 2], path[e, 3]
+        path[e + 1, 0] = q0 * s - q1 * v1 - q2 * v2 - q3 * v3
+        path[e + 1, 1] = q0 * v1 + q1 * s + q2 * v3 - q3 * v2
+        path[e + 1, 2] = q0 * v2 + q2 * s + q3 * v1 - q1 * v3
+        path[e + 1, 3] = q0 * v3 + q3 * s + q1 * v2 - q2 * v1
+        # Rotation of r by q: r + 2 q0 (q x r) + 2 q x (q x r).
+        t1, t2, t3 = q2 * r3 - q3 * r2, q3 * r1 - q1 * r3, q1 * r2 - q2 * r1
+        path[e + 1, 7] = path[e, 7] + r1 + 2 * (q0 * t1 + q2 * t3 - q3 * t2)
+        path[e + 1, 8] = path[e, 8] + r2 + 2 * (q0 * t2 + q3 * t1 - q1 * t3)
+        path[e + 1, 9] = path[e, 9] + r3 + 2 * (q0 * t3 + q1 * t2 - q2 * t1)
+
+
+@_compile
+def _expm1_over(x, y):
+    """(exp(z) - 1) / z of z = x + i y, real and imaginary part."""
+    square = x * x + y * y
+    if square < 0.01:  # twelve terms of the series, where the difference would cancel
+        real, imaginary = 1.0, 0.0
+        for n in range(12, 1, -1):
+            real, imaginary = 1.0 + (x * real - y * imaginary) / n, (x * imaginary + y * real) / n
+        return real, imaginary
+    size = math.exp(x)
+    u, v = size * math.cos(y) - 1.0, size * math.sin(y)
+    return (u * x + v * y) / square, (v * x - u * y) / square
+
+
+@_compile
+def unloaded_paths(paths, strain, segment, edges, taper, k):
+    """Unloaded paths (B, n + 1, 10) from the first point of each, in place."""
+    for b in range(paths.shape[0]):
+        _unloaded(paths[b], strain[b], segment, edges, taper, k)
+
+
+@_compile
+def _raise_load(path, start, w, points, h, strain, segment, floor):
+    """Path at the full load, from `start` at none, in steps of the load; the share reached."""
+    reached, ahead = 0.0, 0.25
+    _copy(start, path)
+    trial = np.empty_like(path)
+    while reached < 1.0:
+        target = min(1.0, reached + ahead)
+        _copy(path, trial)
+        found = _newton(trial, target, w, points, h, strain, segment, floor)
+        if found and _least_stretch(trial, target, w[11], points) > 0.0:
+            _copy(trial, path)
+            reached, ahead = target, 2 * ahead
+        else:
+            ahead /= 2
+            if ahead < SMALLEST_LOAD_STEP:
+                break
+    return reached
+
+
+@_compile
+def _least_stretch(path, fraction, mean, points):
+    """Least zeta / zeta_hat along a path, at the stages of its steps: what the loads leave.
+
+    Between the ends of a step its quaternions are taken as linear; zeta varies less than they do.
+    """
+    least = np.inf
+    for e in range(path.shape[0] - 1):
+        for s in range(STAGES):
+            t = NODES[s]
+            q0, q1 = _mix(path, e, 0, t), _mix(path, e, 1, t)
+            q2, q3 = _mix(path, e, 2, t), _mix(path, e, 3, t)
+            size = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
+            V1, V2, V3 = points[e, s, 5], points[e, s, 6], points[e, s, 7]
+            along = 2 * (q1 * q3 + q0 * q2) * V1 + 2 * (q2 * q3 - q0 * q1) * V2
+            along += (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) * V3
+            stretch = 1.0 + fraction * along * mean / (size * points[e, s, 1])
+            if not stretch >= least:  # NaN as well
+                least = stretch
+    return least
+
+
+@_compile
+def _mix(path, e, i, t):
+    return (1.0 - t) * path[e, i] + t * path[e + 1, i]
+
+
+@_compile
+def _copy(source, target):
+    for e in range(source.shape[0]):
+        for i in range(source.shape[1]):
+            target[e, i] = source[e, i]
+
+
+@_compile
+def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached):
+    """Equilibrium paths (B, n + 1, 10) from guesses, in place.
+
+    starts : unloaded paths, from which the load is raised where a guess does not converge
+    points : (n, 12, 11), parameters p of `rates` at the stages of every step, tip force included
+    floor : moment in N m below which Newton's steps count as absolute
+    reached : (B,), share of the load at which an equilibrium was found
+    """
+    w = np.zeros(15)
+    for b in range(paths.shape[0]):
+        w[11] = mean[b]
+        reached[b] = 1.0
+        found = _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor)
+        if not (found and _least_stretch(paths[b], 1.0, mean[b], points) > 0.0):
+            reached[b] = _raise_load(paths[b], starts[b], w, points, h, strain[b], segment, floor)
+
+
+@_compile
+def tangent_paths(paths, mean, points, h, strain, segment, base_slopes, T, gap):
+    """Tangents T (B, groups, n + 1, 4, 10) along converged paths (B, n + 1, 10).
+
+    The groups of four columns: m(0) and the mean extension; both head angles, by
+    `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains.
+    gap : (B,), largest mismatch in q between a step's end and the path: the error of a step.
+    """
+    end, w, D = np.empty(PATH), np.zeros(15), np.zeros(COLUMNS * VARIED)
+    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(11)
+    for b in range(paths.shape[0]):
+        w[11], gap[b] = mean[b], 0.0
+        for group in range(T.shape[1]):
+            _first_tangents(T[b, group, 0], D, group, base_slopes[b])
+            for e in range(h.size):
+                for i in range(4):
+                    w[STATES + i] = strain[b, segment[e], i]
+                    D[VARIED * i + STATES + i] = 1.0 if group == segment[e] + 2 else 0.0
+                at, to = T[b, group, e], T[b, group, e + 1]
+                _march(paths[b, e], at, end, to, D, w, points[e], 1.0, h[e], k, kT, p)
+                for i in range(4):
+                    gap[b] = max(gap[b], abs(end[i] - paths[b, e + 1, i]))
+
+
+@_compile
+def _first_tangents(T, D, group, base_slopes):
+    """Tangents (4, 10) at the base, and strain directions of the columns, for one group."""
+    for c in range(COLUMNS):
+        for i in range(PATH):
+            T[c, i] = base_slopes[c, i] if group == 1 and c < 2 else 0.0
+        for i in range(VARIED):
+            D[VARIED * c + i] = 0.0
+    if group == 0:
+        for c in range(3):
+            T[c, 4 + c] = 1.0
+        D[VARIED * 3 + STATES + 4] = 1.0

@@ -1,0 +1,1 @@
+"""What there is to draw, decided once for figures, page and files."""

@@ -1,0 +1,146 @@
+"""The trunk as a body: where each muscle's material is in a deformed shape.
+
+A point (R, Theta, Z) of the initial trunk is carried along with its cross-section,
+
+    x = r(Z) + s f(Z) R (cos Theta d_1 + sin Theta d_2),
+
+R being its radius at Z = 0 (eq. 29). The section's own change s is one number for a shape, as in
+eq. (30), and such that the whole trunk keeps its volume. Eq. (30)'s 1 / sqrt(mean extension), which
+the rod's stiffness has, does that only where all sections extend alike; in lifting a log, where
+the thick base shortens by a third and the thin tip does not, it would lose up to 12 % of the
+volume, 6 % of the radius. Sections stay plane and round, so a single muscle's volume in a bent
+trunk is not that of its tissue.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..model.anatomy import Muscle, Trunk
+from ..rod.collocation import gauss
+from ..rod.statics import Shape
+
+ARC = np.radians(7.5)  # largest angle between two points of an arc
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Cross-sections of H shapes at n points.
+
+    Z (n,) in m; position (H, n, 3) in m; directors (H, n, 3, 3), row i is d_i; scale (H, n),
+    what a radius at Z = 0 of the initial trunk has become.
+    """
+
+    Z: np.ndarray
+    position: np.ndarray
+    directors: np.ndarray
+    scale: np.ndarray
+
+
+def frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Frames:
+    """Cross-sections of shapes with one batch axis (H,) at points Z (n,) in m.
+
+    Raises
+    ------
+    InputError
+        For shapes of no or several batch axes.
+    """
+    if shape.states.ndim != 4:
+        raise InputError(f"shape: expected one batch axis, got {shape.states.ndim - 3}.")
+    position, directors = shape.position(Z), shape.directors(Z)
+    return Frames(Z, position, directors, section_scale(trunk, shape)[:, None] * trunk.taper(Z))
+
+
+def section_scale(trunk: Trunk, shape: Shape) -> np.ndarray:
+    """Change s of all radii that keeps each shape's volume, (H,)."""
+    mesh = shape.mesh
+    weights = mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)
+    stretch = np.linalg.norm(shape.slopes, axis=-1)  # |dr/dZ| (H, elements, degree)
+    area = np.asarray(trunk.taper(mesh.points)) ** 2
+    scale: np.ndarray = np.sqrt((weights * area).sum() / (weights * area * stretch).sum((-1, -2)))
+    return scale
+
+
+def outline(muscle: Muscle) -> np.ndarray:
+    """Outline (m, 2) of a muscle's cross-section at Z = 0, in m along d_1 and d_2.
+
+    Counter-clockwise: the outer arc, then the inner one back, or the centre if there is none.
+    """
+    inner, outer = muscle.radii
+    first, second = muscle.sector
+    Theta = np.linspace(first, second, 1 + _pieces(second - first))
+    arc = np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
+    return np.concatenate([outer * arc, inner * arc[::-1] if inner > 0 else np.zeros((1, 2))])
+
+
+def disc(radius: float) -> np.ndarray:
+    """Outline (m, 2) of the whole trunk at Z = 0, counter-clockwise."""
+    Theta = np.linspace(0, 2 * np.pi, 1 + _pieces(2 * np.pi))[:-1]
+    return radius * np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
+
+
+def _pieces(angle: float) -> int:
+    """Straight pieces of an arc; not one more for an angle's last digit."""
+    return max(1, int(np.ceil(angle / ARC - 1e-9)))
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A closed surface that moves: vertices (H, v, 3) in m, triangles (t, 3) seen from outside."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volume inside, (H,) in m^3, by the divergence theorem."""
+        a, b, c = (self.vertices[:, self.triangles[:, i]] for i in range(3))
+        volume: np.ndarray = np.einsum("hti,hti->h", a, np.cross(b, c)) / 6
+        return volume
+
+
+def swept(section: np.ndarray, at: Frames, caps: np.ndarray) -> Body:
+    """The body that an outline (m, 2) sweeps along cross-sections.
+
+    caps : (k, 3), triangles between the outline's points that fill it, counter-clockwise.
+    """
+    n, m = at.Z.size, len(section)
+    radial = section * at.scale[..., None, None]  # (H, n, m, 2)
+    vertices = at.position[:, :, None] + radial @ at.directors[:, :, :2]
+    here = np.arange(n - 1)[:, None] * m + np.arange(m)
+    beside = np.roll(here, -1, axis=1)
+    sides = [np.stack([here, beside, beside + m], -1), np.stack([here, beside + m, here + m], -1)]
+    triangles = [side.reshape(-1, 3) for side in sides] + [caps[:, ::-1], caps + (n - 1) * m]
+    return Body(vertices.reshape(len(vertices), n * m, 3), np.concatenate(triangles))
+
+
+def muscle_body(trunk: Trunk, muscle: Muscle, shape: Shape, sections: int = 24) -> Body:
+    """A muscle's subdomain in shapes (H,), on a number of cross-sections."""
+    start, end = trunk.edges[muscle.segment], trunk.edges[muscle.segment + 1]
+    Z = np.linspace(start, end, sections)
+    section = outline(muscle)
+    return swept(section, frames(trunk, shape, Z), _band(len(section), muscle.radii[0] > 0))
+
+
+def trunk_body(trunk: Trunk, shape: Shape, sections: int = 120) -> Body:
+    """The whole trunk in shapes (H,)."""
+    Z = np.linspace(0.0, trunk.length, sections)
+    section = disc(trunk.base_radius)
+    fan = np.arange(1, len(section) - 1)
+    caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
+    return swept(section, frames(trunk, shape, Z), caps)
+
+
+def _band(m: int, hollow: bool) -> np.ndarray:
+    """Triangles (k, 3) that fill an annular sector's outline, or a sector's about its centre."""
+    if not hollow:
+        fan = np.arange(m - 2)
+        return np.stack([fan, fan + 1, np.full_like(fan, m - 1)], axis=-1)
+    half = np.arange(m // 2 - 1)
+    back = m - 1 - half  # the inner point beside each outer one
+    return np.concatenate(
+        [np.stack([half, half + 1, back], -1), np.stack([half + 1, back - 1, back], -1)]
+    )

@@ -1,0 +1,129 @@
+"""Which moments of a motion a picture shows, and the trunk's shape at each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import TrunkError
+from ..model.loads import Loads
+from ..planning.plan import Plan
+from ..problem.interpolation import interpolate
+from ..rod.statics import Shape, solve_statics
+
+SAME = 1e-9  # s; times as near as this are one
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The trunk at a time in s: activations (muscles,), and its shape with a batch axis of 1.
+
+    `after` is set on the later side of a jump of the loads.
+    """
+
+    time: float
+    activation: np.ndarray
+    shape: Shape
+    after: bool = False
+
+
+def end_of(plan: Plan) -> float:
+    """Time in s until which a plan goes; 0 if nothing was planned."""
+    return plan.motion.steps[len(plan.x) - 1].time if len(plan.x) else 0.0
+
+
+def trajectory(plan: Plan) -> np.ndarray:
+    """Activations and head angles (rad) of time steps 0, 1, ...: (H + 1, muscles + 2)."""
+    return np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
+
+
+def instants(plan: Plan, times: np.ndarray, phase: int | None = None) -> list[Instant]:
+    """The trunk at times in s; where no shape can be had, as in a failed plan, none is given.
+
+    Where loads jump both sides, one after the other; of a phase, with its number, only its own.
+    """
+    values = trajectory(plan)
+    count = len(plan.motion.trunk.muscles)
+    found = []
+    for time in np.unique(times).tolist():
+        x = values[0] if time == 0 else interpolate(plan.motion, values, time)
+        for after in _sides(plan, time, phase):
+            shape = _shape(plan, time, after)
+            if shape is not None:
+                found.append(Instant(time, x[:count], shape, after))
+    return found
+
+
+def _sides(plan: Plan, time: float, phase: int | None) -> tuple[bool, ...]:
+    """Before or after a jump of the loads, or both."""
+    if not any(abs(jump - time) < SAME for jump in plan.jumps):
+        return (False,)
+    if phase is None:
+        return False, True
+    start = plan.motion.phases[phase - 1].end if phase else 0.0
+    return (abs(start - time) < SAME,)
+
+
+def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
+    steps = plan.motion.times[: len(plan.x)]
+    same = np.flatnonzero(np.abs(steps - time) < SAME)
+    if same.size and not after:  # planned, so not solved for again
+        return plan.part(int(same[0]), int(same[0]) + 1)
+    try:
+        if time == 0 and not after:
+            trunk = plan.motion.trunk
+            rest = Loads(plan.motion.gravity)
+            return _batch(solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=rest))
+        at = float(steps[same[0]]) if same.size else time
+        return _batch(plan.sample(at, after=after).shape)
+    except TrunkError:
+        return None
+
+
+def _batch(shape: Shape) -> Shape:
+    return replace(
+        shape, states=shape.states[None], edges=shape.edges[None], slopes=shape.slopes[None]
+    )
+
+
+def within_phase(plan: Plan, number: int, count: int = 4) -> np.ndarray:
+    """Times in s that show a phase from start to end; its steps where nothing is in between."""
+    end = end_of(plan)
+    start = plan.motion.phases[number - 1].end if number else 0.0
+    phase = plan.motion.phases[number]
+    if start >= end:
+        return np.zeros(0)
+    times = np.linspace(start, min(phase.end, end), count)
+    if phase.interpolation == "none":
+        steps = np.append(start, plan.motion.times[: len(plan.x)])
+        return np.unique([steps[np.argmin(np.abs(steps - time))] for time in times])
+    return times
+
+
+def through(plan: Plan, count: int = 5) -> np.ndarray:
+    """Times in s that show a whole motion: the ends of its phases, and the middle of long ones."""
+    end = end_of(plan)
+    ends = [phase.end for phase in plan.motion.phases if phase.end < end - 1e-9] + [end]
+    if len(ends) > count:
+        return np.asarray(ends)[np.linspace(0, len(ends) - 1, count).round().astype(int)]
+    times = [0.0, *ends]
+    while len(times) - 1 < count and end > 0:
+        longest = int(np.argmax(np.diff(times)))
+        times.insert(longest + 1, (times[longest] + times[longest + 1]) / 2)
+    return np.asarray(times[1:])
+
+
+def curve_times(plan: Plan, count: int = 200) -> np.ndarray:
+    """Times in s for smooth curves: even ones, all steps, and just before each for what jumps."""
+    steps = plan.motion.times[: len(plan.x)]
+    even = np.linspace(0, end_of(plan), count)
+    return np.unique(np.concatenate([even, steps, steps - SAME]))
+
+
+def curves(plan: Plan, times: np.ndarray) -> np.ndarray:
+    """Activations and head angles (rad) at times in s: (times, muscles + 2)."""
+    values = trajectory(plan)
+    if len(values) == 1:
+        return np.repeat(values, len(times), axis=0)
+    return np.array([interpolate(plan.motion, values, float(time)) for time in times])
