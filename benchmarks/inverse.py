@@ -11,7 +11,8 @@ import numpy as np
 import trunk_ocp as to
 from trunk_ocp.nlp.ipopt import IPOPT, Optimiser, derivative_seconds
 from trunk_ocp.nlp.window import Window
-from trunk_ocp.planning.planner import Options, Pass, State, first_mesh
+from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.state import Options, State, first_mesh
 
 from .common import median, run_part
 from .objective import Objective

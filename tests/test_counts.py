@@ -7,7 +7,8 @@ from plans import MOTIONS, first_steps, planned, shipped
 from trunk_ocp.nlp import ipopt as solver
 from trunk_ocp.nlp.ipopt import Optimiser
 from trunk_ocp.planning import planner
-from trunk_ocp.planning.planner import Options, Pass, State, first_mesh
+from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.state import Options, State, first_mesh
 
 # Iterations of each of the sequential plan's solves, and of the horizon from there. Seen were
 # 16, 17 and 14; 28, 21 and 20; a third to spare for other processors.

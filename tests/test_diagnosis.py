@@ -13,12 +13,12 @@ from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 from trunk_ocp.analysis.bound_sensitivity import Response
 from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
 from trunk_ocp.cli import solve as cli
-from trunk_ocp.errors import PlanError
 from trunk_ocp.nlp.ipopt import Optimiser, Solve, rank
 from trunk_ocp.nlp.window import Weights, Window
-from trunk_ocp.planning.plan import Status
-from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.plan import PlanError, Status
+from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.motion import Box, load_motion
 from trunk_ocp.reporting import Reporter

@@ -289,7 +289,7 @@ def test_an_interrupted_run_is_saved_and_resumed(problem, whole, tmp_path, momen
     assert (ended.returncode, ended.stderr) == (4, "")
     assert "Stopping" in ended.stdout
     command = f"solve-motion {problem} --mode both --out {tmp_path} --no-figures --resume"
-    assert ended.stdout.count("--resume") == ended.stdout.count(f"Go on with: {command}\n") == 1
+    assert ended.stdout.count("--resume") == ended.stdout.count(f"Resume with: {command}\n") == 1
     assert load_plan(tmp_path / "sequential", throw=False).interrupted
     assert leftovers(tmp_path) == [checkpoint.FILE]
     assert run(*options, "--resume").exit_code == 0
@@ -344,7 +344,7 @@ def test_a_second_interrupt_ends_at_once_and_leaves_no_half_file(problem, tmp_pa
     assert ended.returncode == 4
     assert "Traceback" not in ended.stderr
     command = f"solve-motion {problem} --mode sequential --out {tmp_path} --no-figures --resume"
-    assert f"Go on with: {command}\n" in ended.stderr
+    assert f"Resume with: {command}\n" in ended.stderr
     assert not (tmp_path / "sequential" / "solution.nc").exists()
     assert not [name for name in leftovers(tmp_path) if ".part" in name]
 

@@ -30,7 +30,8 @@ from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.nlp.window import Weights
 from trunk_ocp.planning.plan import Status
-from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.state import Options
 from trunk_ocp.problem.motion import REFERENCE_LENGTH
 from trunk_ocp.reporting import Reporter
 

@@ -17,8 +17,9 @@ import trunk_ocp
 from trunk_ocp._support import process_pool as parallel
 from trunk_ocp._support.process_pool import cores, finished, run
 from trunk_ocp.cli import draw_run as drawing
-from trunk_ocp.errors import InputError, PlanError, StaticsError, TrunkError
+from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter

@@ -13,7 +13,8 @@ from plans import MOTIONS, first_steps, planned, shipped
 from trunk_ocp.errors import InputError, SolverMissingError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.plan import Status
-from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.state import Options
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference

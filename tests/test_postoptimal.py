@@ -10,7 +10,8 @@ from plans import TOUCH, first_steps, written
 from trunk_ocp.analysis.bound_sensitivity import PART, responses
 from trunk_ocp.nlp.ipopt import WARM, Optimiser
 from trunk_ocp.nlp.window import Weights, Window
-from trunk_ocp.planning.planner import Options, plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.state import Options
 from trunk_ocp.problem.motion import Box, allowed, load_motion
 
 SHARE = 0.1  # of the told move, by which bounds are really moved, both ways

@@ -10,7 +10,9 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.nlp import size
 from trunk_ocp.nlp.ipopt import Optimiser
 from trunk_ocp.nlp.size import check_size, size_of
-from trunk_ocp.planning.planner import Options, Pass, State, first_mesh, plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.state import Options, State, first_mesh
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
 

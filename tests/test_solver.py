@@ -15,7 +15,8 @@ import trunk_ocp as to
 from trunk_ocp._support.blas_threads import one_thread
 from trunk_ocp._support.deferred_signals import deferred_interrupts
 from trunk_ocp.nlp.ipopt import Optimiser, Outcome, Solve
-from trunk_ocp.planning.planner import Options, Pass, State
+from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.state import Options, State
 
 
 @pytest.fixture(scope="module")

@@ -15,14 +15,15 @@ if TYPE_CHECKING:
     from .analysis.measures import compare, measure
     from .analysis.multistart import optima
     from .codegen.formats import check_export, export
-    from .errors import InputError, PlanError, SolverMissingError, StaticsError, TrunkError
+    from .errors import InputError, SolverMissingError, StaticsError, TrunkError
     from .model.anatomy import Trunk, load_anatomy
     from .model.loads import Loads
     from .nlp.window import Weights
     from .planning.checkpoint import Checkpoint
-    from .planning.plan import Plan, Status
-    from .planning.planner import Options, plan_from, plan_motion
+    from .planning.plan import Plan, PlanError, Status
+    from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
+    from .planning.state import Options
     from .planning.storage import load_plan, save_plan
     from .problem.motion import Motion, load_motion
     from .problem.problem_file import problem_schema
@@ -41,21 +42,22 @@ _HOMES = {
     "codegen.formats": ("check_export", "export"),
     "analysis.measures": ("compare", "measure"),
     "analysis.diagnosis": ("Diagnosis", "Finding", "explain"),
-    "errors": ("InputError", "PlanError", "SolverMissingError", "StaticsError", "TrunkError"),
+    "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
     "analysis.lookahead_study": ("foresight", "front", "survey"),
     "model.loads": ("Loads",),
     "problem.motion": ("Motion", "load_motion"),
     "analysis.multistart": ("optima",),
-    "planning.planner": ("Options", "plan_from", "plan_motion"),
+    "planning.planner": ("plan_from", "plan_motion"),
     "rod.point_shapes": ("PointShapes",),
     "problem.problem_file": ("problem_schema",),
     "planning.replanning": ("Replanner",),
     "reporting": ("Progress", "Reporter"),
     "rod.tip_jacobian": ("tip_jacobian",),
     "rod.shape_map": ("ShapeMap",),
-    "planning.plan": ("Plan", "Status"),
+    "planning.plan": ("Plan", "PlanError", "Status"),
     "rod.buckling": ("Stability", "stability"),
     "rod.statics": ("Shape", "solve_statics"),
+    "planning.state": ("Options",),
     "planning.storage": ("load_plan", "save_plan"),
     "nlp.window": ("Weights",),
 }

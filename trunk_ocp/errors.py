@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .planning.plan import Plan
-
 
 class TrunkError(Exception):
     """Base of every error this package raises on purpose."""
@@ -37,26 +32,3 @@ class StaticsError(TrunkError):
 
 class SolverMissingError(TrunkError):
     """The requested linear solver is not part of this installation."""
-
-
-class PlanError(TrunkError):
-    """A plan is not solved and verified; the message is its status and what is wrong.
-
-    Attributes
-    ----------
-    plan : Plan
-        What was reached all the same.
-    """
-
-    def __init__(self, plan: Plan) -> None:
-        violated = plan.failure.violations if plan.failure else ()
-        problems = [*map(str, violated), *plan.verification.faults, *plan.missed, *plan.notes]
-        first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
-        super().__init__(
-            f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The plan is this "
-            "error's `plan`; throw=False returns it instead, and explain(plan) says more."
-        )
-        self.plan = plan
-
-    def __reduce__(self) -> tuple[type[PlanError], tuple[Plan]]:
-        return type(self), (self.plan,)  # see StaticsError

@@ -34,7 +34,8 @@ import numpy as np
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.plan import Plan, Status
-from trunk_ocp.planning.planner import Pass, plan_motion
+from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.planning_run import Pass
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan
 from trunk_ocp.problem.motion import Motion, load_motion
 

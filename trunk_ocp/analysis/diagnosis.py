@@ -7,20 +7,23 @@ bring.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from .._support.atomic_files import write
 from .._support.blas_threads import one_thread
 from .._support.wording import rounded
-from ..cli.resuming import resume_command
 from ..model.activation import strains
 from ..model.anatomy import Trunk
 from ..nlp.ipopt import Solve
 from ..nlp.violations import Violation
 from ..planning.plan import Plan, Status
+from ..planning.storage import finite
 from ..planning.verification import LARGEST_TURN, SLACK
 from ..problem.motion import Motion, allowed
 from ..problem.plausibility import POINTED
@@ -120,7 +123,8 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
 def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
     if plan.status is Status.INTERRUPTED:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
-        yield Finding("failure", f"interrupted; {kept}", (), _go_on(plan))
+        advice = "Resume the run; from Python, with Checkpoint(path, resume=True)."
+        yield Finding("failure", f"interrupted; {kept}", (), advice)
         return
     if plan.status is Status.TIME_LIMIT:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
@@ -147,13 +151,6 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
                 if found is not None
                 else _out_of_reach(plan, reporter)
             )
-
-
-def _go_on(plan: Plan) -> str:
-    command = plan.options.get("command")
-    if not isinstance(command, dict):  # planned from Python
-        return "Go on with Checkpoint(path, resume=True), or the same solve-motion and --resume."
-    return f"Go on with: {resume_command(command)}"
 
 
 def _not_converged(plan: Plan, advise: bool) -> Finding:
@@ -432,3 +429,9 @@ def effects(responses: tuple[Response, ...], length: float, most: int = MOST) ->
 
 def _way(change: float) -> str:
     return f"{rounded(1e3 * abs(change))} mm {'closer' if change < 0 else 'farther'}"
+
+
+def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
+    """Write a diagnosis beside the plan it is of."""
+    text = json.dumps(finite(diagnosis.as_json()), indent=2)
+    write(Path(folder) / "diagnosis.json", text + "\n")

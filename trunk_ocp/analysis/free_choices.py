@@ -15,7 +15,8 @@ import numpy as np
 from .._support.wording import rounded
 from ..errors import InputError
 from ..planning.plan import Plan, Status
-from ..planning.planner import Options, plan_from
+from ..planning.planner import plan_from
+from ..planning.state import Options
 from ..problem.mirror import is_symmetric, mirrored_unknowns
 from ..problem.motion import Box, Motion
 from ..reporting import Reporter

@@ -21,7 +21,8 @@ from .._support.process_pool import Done, run
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..planning.plan import Plan, Status
-from ..planning.planner import Options, plan_from, plan_motion
+from ..planning.planner import plan_from, plan_motion
+from ..planning.state import Options
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter

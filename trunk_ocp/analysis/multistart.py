@@ -20,7 +20,8 @@ from .._support.ranges import check
 from ..errors import InputError
 from ..model.activation import strains
 from ..planning.plan import Plan
-from ..planning.planner import Options, plan_from
+from ..planning.planner import plan_from
+from ..planning.state import Options
 from ..problem.mirror import mirrored_unknowns
 from ..problem.motion import Motion
 from ..reporting import Reporter

@@ -12,12 +12,13 @@ import click
 from rich.console import Console
 
 from .._support.toml_files import printable
-from ..analysis.diagnosis import effects, explain
+from ..analysis.diagnosis import effects, explain, save_diagnosis
 from ..errors import InputError
 from ..planning.plan import Plan, Status
 from ..planning.results_folder import hashes
-from ..planning.storage import SOLUTION, finite, save_diagnosis
+from ..planning.storage import SOLUTION, finite
 from .common import clean_errors, finished, tell, verdict
+from .resuming import resume_command
 from .tables import findings, history_table
 
 RELAXED = "If a bound were relaxed by 1 % (one of 0: as given), all else planned anew around it:"
@@ -45,6 +46,9 @@ def explain_run(run: str, as_json: bool) -> None:
             verdict(console, plan)
             for line in findings(diagnosis):
                 console.print(line, soft_wrap=True)
+            command = plan.options.get("command")
+            if plan.status is Status.INTERRUPTED and isinstance(command, dict):
+                tell(console, f"Resume with: {resume_command(command)}")
             if diagnosis.history:
                 console.print(history_table(diagnosis))
             if sentences := effects(diagnosis.responses, plan.motion.trunk.length):

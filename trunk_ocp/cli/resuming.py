@@ -1,4 +1,4 @@
-"""The command that goes on with an unfinished run."""
+"""The command that resumes an unfinished run."""
 
 from __future__ import annotations
 

@@ -14,20 +14,19 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .._support.atomic_files import alone, write
-from ..analysis.diagnosis import explain
+from ..analysis.diagnosis import explain, save_diagnosis
 from ..analysis.measures import compare
 from ..errors import InputError
 from ..model.anatomy import load_anatomy
 from ..nlp.ipopt import check_linear_solver
 from ..planning.checkpoint import FILE, Checkpoint
 from ..planning.plan import Plan, Status
-from ..planning.planner import Options, mode_of, plan_motion
+from ..planning.planner import plan_motion
 from ..planning.results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
-from ..planning.storage import activations_table, save_diagnosis, save_plan, summary
+from ..planning.state import Options, mode_of
+from ..planning.storage import activations_table, save_plan, summary
 from ..problem.motion import Motion, load_motion
 from ..reporting import Reporter
-from .commands import main as main
-from .commands import solve as solve
 from .common import tell, verdict
 from .ending import optional, warn
 from .interrupts import INTERRUPTED, Interrupts
@@ -58,7 +57,7 @@ def run_solve(
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
     command = json.loads(json.dumps(context.params, default=str))
-    with _interrupts(f"Go on with: {resume_command(command)}") as interrupts:
+    with _interrupts(f"Resume with: {resume_command(command)}") as interrupts:
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -92,8 +91,8 @@ def run_solve(
             earlier = aside.settle()
         if earlier is not None:
             tell(console, f"What was made from earlier plans is now in {earlier}/")
-        if not finished and not any(plan.interrupted for plan in plans):  # of which it is said
-            tell(console, f"Go on with: {resume_command(command)}")
+        if not finished:
+            tell(console, f"Resume with: {resume_command(command)}")
         tell(console, f"Results are in {folder}/")
         for plan in plans if quiet else []:
             if plan.status is not Status.SOLVED:

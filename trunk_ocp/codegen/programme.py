@@ -30,7 +30,8 @@ import numpy as np
 from ..errors import InputError
 from ..nlp.ipopt import Optimiser
 from ..nlp.window import Window
-from ..planning.planner import Options, Pass, State, first_mesh
+from ..planning.planning_run import Pass
+from ..planning.state import Options, State, first_mesh
 from .foreign import in_comment
 from .programme_layout import layout
 from .request import Request

@@ -22,11 +22,13 @@ import numpy as np
 from .._support.atomic_files import write
 from .._support.provenance import fingerprint, plain, versions
 from ..errors import InputError
+from ..nlp.ipopt import Optimiser
 from ..problem.motion import Motion
+from ..rod.collocation import Mesh
 from .checkpoint_file import COUNTERS, Stage, read_unfinished
 from .plan import Plan
-from .planner import Options, Pass, State
 from .records import fits
+from .state import Options, State
 
 FILE = "resume.npz"
 WORTH_LASTING = 1.0  # s of work worth waiting for a disk, in case of a power cut
@@ -118,8 +120,15 @@ class Checkpoint:
             )
         self.seconds, self._found = found.stages(motion)
 
-    def enter(self, work: Pass) -> tuple[State, np.ndarray | None]:
+    def enter(
+        self, mode: str, mesh: Mesh, window: int, optimiser: Optimiser
+    ) -> tuple[State, np.ndarray | None]:
         """What the next pass has decided already, and the unknowns of its last window.
+
+        Parameters
+        ----------
+        window : int
+            Time steps of its windows.
 
         Raises
         ------
@@ -127,28 +136,27 @@ class Checkpoint:
             If the file has another pass in its place.
         """
         number = len(self._stages)
-        stage = Stage(work.mode, work.mesh, State(), None, {})
+        stage = Stage(mode, mesh, State(), None, {})
         if number < len(self._found):
             stage = self._found[number]
-            window = min(work.lookahead, len(work.motion.steps))
             ahead = window if stage.previous is None else len(stage.previous)
-            if (stage.mode, stage.mesh, ahead) != (work.mode, work.mesh, window):
+            if (stage.mode, stage.mesh, ahead) != (mode, mesh, window):
                 raise InputError(
                     f"{self.path}: has other passes than this plan; expected those of an "
                     "unfinished run of it. Run without --resume to start anew."
                 )
             for name in COUNTERS:
-                setattr(work.optimiser, name, stage.counters.get(name, 0))
-            work.optimiser.solves[:] = stage.failed
+                setattr(optimiser, name, stage.counters.get(name, 0))
+            optimiser.solves[:] = stage.failed
         self._stages.append(stage)
         return stage.state, stage.previous
 
-    def save(self, work: Pass, previous: np.ndarray) -> None:
+    def save(self, optimiser: Optimiser, previous: np.ndarray) -> None:
         """Write what has been decided; if the disk is full, say so once and go on without."""
         stage = self._stages[-1]
         stage.previous = previous
-        stage.counters = {name: getattr(work.optimiser, name) for name in COUNTERS}
-        stage.failed = [solve for solve in work.optimiser.solves if not solve.converged]
+        stage.counters = {name: getattr(optimiser, name) for name in COUNTERS}
+        stage.failed = [solve for solve in optimiser.solves if not solve.converged]
         progress: dict[str, Any] = {
             "seconds": self.seconds + time.perf_counter() - self._began,
             "stages": [_described(stage) for stage in self._stages],
@@ -176,7 +184,7 @@ class Checkpoint:
             self._newer.rename(self.path)
         except (InputError, OSError) as error:
             if not self._failed:
-                work.optimiser.reporter.note(f"Going on, but this could not be resumed: {error}")
+                optimiser.reporter.note(f"Going on, but this could not be resumed: {error}")
             self._failed = True
 
     def remove(self) -> None:

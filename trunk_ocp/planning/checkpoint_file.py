@@ -26,9 +26,9 @@ from ..problem.targets import Held
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from .plan import MODES
-from .planner import REFINEMENTS, Options, State, first_mesh
 from .records import MOST_TEXT as MOST_RECORDS
 from .records import amount, check_near, count, entries, flag, json_of, number, solve_of, table
+from .state import REFINEMENTS, Options, State, first_mesh
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")

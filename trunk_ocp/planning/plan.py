@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from .._support.wording import rounded
-from ..errors import PlanError
+from ..errors import TrunkError
 from ..model.loads import Loads
 from ..nlp.ipopt import Solve, rank
 from ..nlp.window import Weights
@@ -316,6 +316,29 @@ class Plan:
         if shape.defect > ROUGH:  # the plan's mesh was only checked at its time steps
             shape = refined(shape, activation, head, loads)
         return Sample(t, activation, head, loads, shape, after)
+
+
+class PlanError(TrunkError):
+    """A plan is not solved and verified; the message is its status and what is wrong.
+
+    Attributes
+    ----------
+    plan : Plan
+        What was reached all the same.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        violated = plan.failure.violations if plan.failure else ()
+        problems = [*map(str, violated), *plan.verification.faults, *plan.missed, *plan.notes]
+        first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
+        super().__init__(
+            f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The plan is this "
+            "error's `plan`; throw=False returns it instead, and explain(plan) says more."
+        )
+        self.plan = plan
+
+    def __reduce__(self) -> tuple[type[PlanError], tuple[Plan]]:
+        return type(self), (self.plan,)  # see StaticsError
 
 
 def squared_rate(plan: Plan) -> float:

@@ -16,7 +16,9 @@ from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .plan import Plan
-from .planner import Options, Pass, State, seconds_allowed
+from .planner import seconds_allowed
+from .planning_run import Pass
+from .state import Options, State
 
 
 class Replanner:

@@ -25,7 +25,6 @@ from .._support.blas_threads import one_thread
 from .._support.netcdf import read_netcdf
 from .._support.provenance import fingerprint
 from .._support.toml_files import printable, read_bytes
-from ..analysis.diagnosis import Diagnosis
 from ..errors import InputError
 from ..problem.built import as_built
 from .plan import Plan, Status
@@ -96,12 +95,6 @@ def _check_saving(plan: Plan) -> None:
         check_texts([part.model_dump_json() for part in (plan.motion.spec, plan.motion.anatomy)])
     except InputError as error:
         raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
-
-
-def save_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> None:
-    """Write a diagnosis beside the plan it is of."""
-    text = json.dumps(finite(diagnosis.as_json()), indent=2)
-    write(Path(folder) / "diagnosis.json", text + "\n")
 
 
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:

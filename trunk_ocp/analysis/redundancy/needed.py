@@ -10,7 +10,8 @@ import numpy as np
 from ..._support.process_pool import run
 from ...errors import InputError
 from ...planning.plan import Plan
-from ...planning.planner import Options, plan_motion
+from ...planning.planner import plan_motion
+from ...planning.state import Options
 from ...problem.motion import Box, Motion
 from ...problem.variants import silenced_spec
 from ...reporting import Reporter

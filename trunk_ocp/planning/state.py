@@ -1,0 +1,86 @@
+"""Choices of the planner, and what a plan in the making has decided so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .._support.ranges import check
+from ..errors import InputError
+from ..nlp.window import Weights
+from ..problem.motion import Motion
+from ..problem.targets import Held
+from ..rod.collocation import Mesh, mesh_for
+
+GAUSS_POINTS = 24
+"""Along the trunk; with fewer, the shipped motions come near the check's limit."""
+REFINEMENTS = 2
+"""How often the mesh is halved where the independent check finds it too coarse."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Choices of the planner; the defaults serve every shipped motion.
+
+    Attributes
+    ----------
+    elements, degree : int
+        Mesh of the transcription, see `mesh_for`; refined if a plan's check asks for it. The
+        degree is 6 by default, less (3 at least) where many segments bring many elements.
+    linear_solver : str
+        Of Ipopt: mumps comes with CasADi, ma27 ... ma97 and spral need installing.
+    max_iterations : int
+        Of Ipopt, for each solve.
+    starts : int
+        From how many starts a window of several steps is solved at least; the best is kept.
+        The first is the sequential plan, the second the passive trunk, further ones are
+        random. More are tried, the passive trunk at least, if the best misses a target.
+    """
+
+    weights: Weights = field(default_factory=Weights)
+    elements: int = 3
+    degree: int | None = None
+    linear_solver: str = "mumps"
+    max_iterations: int = 1000
+    starts: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("elements", "degree", "max_iterations", "starts"):
+            if (value := getattr(self, name)) is not None:
+                check(value, name)
+
+
+@dataclass(eq=False)
+class State:
+    """What has been decided so far: unknowns, shapes and directions of the kept steps."""
+
+    x: list[np.ndarray] = field(default_factory=list)
+    tip_forces: list[np.ndarray] = field(default_factory=list)
+    states: list[np.ndarray] = field(default_factory=list)
+    held: dict[Held, np.ndarray] = field(default_factory=dict)
+    auxiliary: np.ndarray | None = None  # the last unloaded optimum
+    near: dict[int, np.ndarray] = field(default_factory=dict)
+    converged: bool = True
+
+
+def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
+    """Name of the mode that a lookahead makes, and the lookahead as a number of time steps.
+
+    Raises
+    ------
+    InputError
+        If the lookahead is not a whole number from 1 on.
+    """
+    count = len(motion.steps)
+    if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
+        raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
+    mode = "horizon" if lookahead is None or lookahead >= count else "receding"
+    return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
+
+
+def first_mesh(motion: Motion, options: Options) -> Mesh:
+    """Mesh to try first: some 24 Gauss points along the trunk, of a degree from 3 to 6."""
+    coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
+    degree = options.degree or min(max(GAUSS_POINTS // coarse.elements, 3), 6)
+    return Mesh(coarse.edges, degree)
