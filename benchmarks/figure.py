@@ -30,18 +30,18 @@ def draw(parts: dict[str, Any], path: Path) -> None:
     figure, axes = plt.subplots(1, len(MOTIONS), figsize=(11, 4), layout="constrained")
     shown: dict[str, Any] = {}
     for axis, motion in zip(axes, MOTIONS, strict=True):
-        for method, (label, colour) in CURVES.items():
+        for method, (label, color) in CURVES.items():
             every = [parts.get(f"{method} {motion} {budget} s", {}) for budget in BUDGETS]
             runs = [run for run in every if "J" in run]
             if runs:
-                axis.plot(*zip(*runs[-1]["curve"], strict=True), color=colour, lw=0.6)
+                axis.plot(*zip(*runs[-1]["curve"], strict=True), color=color, lw=0.6)
                 ends = zip(*((run["total_seconds"], run["J"]) for run in runs), strict=True)
-                axis.plot(*ends, "o-", color=colour, label=label, ms=5)
-        for key, (label, colour, marker) in POINTS.items():
+                axis.plot(*ends, "o-", color=color, label=label, ms=5)
+        for key, (label, color, marker) in POINTS.items():
             figures = parts.get(f"{key} {motion}", {})
             if figures.get("J") is not None:
                 where = ([figures["total_seconds"]], [figures["J"]])
-                axis.plot(*where, marker, color=colour, label=label, ms=9, mfc="none", mew=1.6)
+                axis.plot(*where, marker, color=color, label=label, ms=9, mfc="none", mew=1.6)
         axis.set(xscale="log", yscale="log", title=motion, xlabel="seconds, start included")
         axis.set_xlim(0.1, 2 * BUDGETS[-1])
         axis.grid(which="major", lw=0.3)

@@ -35,7 +35,7 @@ def error_of_map(which: Cases, shape_map: to.ShapeMap) -> float:
 
 
 def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
-    """One loaded shape after another, compiled: cold, from a neighbour, and the Jacobian."""
+    """One loaded shape after another, compiled: cold, from a neighbor, and the Jacobian."""
     which = cases(shapes)
     began = time.perf_counter()
     shape_map = to.ShapeMap(which.trunk, which.loads)
@@ -47,8 +47,8 @@ def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
         shape_map.jacobian(shape, x, psi)  # compiled by now
         cold.append(median(seconds(lambda x=x, psi=psi: shape_map(x, psi), repeats)))
         moved = (x - 0.01, psi + 0.01)
-        from_neighbour = lambda moved=moved, shape=shape: shape_map(*moved, start=shape)
-        warm.append(median(seconds(from_neighbour, repeats)))
+        from_neighbor = lambda moved=moved, shape=shape: shape_map(*moved, start=shape)
+        warm.append(median(seconds(from_neighbor, repeats)))
         slopes = lambda x=x, psi=psi, shape=shape: shape_map.jacobian(shape, x, psi)
         jacobian.append(median(seconds(slopes, repeats)))
     return {

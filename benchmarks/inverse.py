@@ -1,4 +1,4 @@
-"""Whole motions: ours, a re-plan, and the horizon's programme written the ordinary way."""
+"""Whole motions: ours, a re-plan, and the horizon's NLP written the ordinary way."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.nlp.ipopt import IPOPT, Optimiser, derivative_seconds
+from trunk_ocp.nlp.ipopt import IPOPT, Optimizer, derivative_seconds
 from trunk_ocp.nlp.window import Window
-from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.state import Options, State, first_mesh
 
 from .common import median, run_part
@@ -73,19 +73,19 @@ def replan(motion: str) -> dict[str, Any]:
 
 
 def horizon_window(motion: to.Motion) -> tuple[Window, np.ndarray, float]:
-    """The horizon's programme, its start - the sequential plan - and the seconds that took."""
+    """The horizon's nlp, its start - the sequential plan - and the seconds that took."""
     options = Options()
     began = time.perf_counter()
     plan = to.plan_motion(motion, lookahead=1)
     took = time.perf_counter() - began
     mesh = first_mesh(motion, options)
-    one_pass = Pass(motion, mesh, "horizon", len(motion.steps), options, Optimiser())
+    one_pass = PlanningRun(motion, mesh, "horizon", len(motion.steps), options, Optimizer())
     window = one_pass.window(0, motion.steps, State())
     return window, window.pack(plan.x, plan.shape), took
 
 
 def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
-    """The same programme, start and Ipopt options three ways.
+    """The same nlp, start and Ipopt options three ways.
 
     "ours" hands Ipopt our derivatives; "plain" and "expand" leave them to `nlpsol`, with a graph
     of matrix operations or expanded to scalars. The budget ends Ipopt; the graph takes what it
@@ -103,15 +103,15 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
         "expand": way == "expand",
     }
     if way == "ours":
-        options |= window.programme.derivatives()
-    solver = ca.nlpsol("horizon", "ipopt", window.programme.nlp(), options)
+        options |= window.nlp.derivatives()
+    solver = ca.nlpsol("horizon", "ipopt", window.nlp.nlp(), options)
     setup = time.perf_counter() - began
     result = solver(x0=start, p=window.parameters, **window.bounds)
     return solver_figures(solver.stats(), start_seconds, setup) | {
         "objective": float(result["f"]),
         "J": paper_objective(loaded, window.unknowns_of(np.asarray(result["x"]).ravel())),
-        "unknowns": window.programme.size[0],
-        "constraints": window.programme.size[1],
+        "unknowns": window.nlp.size[0],
+        "constraints": window.nlp.size[1],
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import trunk_ocp as to
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.problem.targets import Held
+from trunk_ocp.problem.targets import HeldDirection
 
 PENALTY = 1e3
 FAILED = 2e3  # no shape, or none found
@@ -22,7 +22,7 @@ class Objective:
     def __init__(self, motion: to.Motion) -> None:
         self.motion, self.trunk = motion, motion.trunk
         self.maps: dict[tuple[int, Loads], to.ShapeMap] = {}
-        self.held: dict[Held, np.ndarray] = {}
+        self.held: dict[HeldDirection, np.ndarray] = {}
         self.evaluations = 0
 
     def decide(self, t: int, x: np.ndarray) -> None:
@@ -84,6 +84,8 @@ class Objective:
                 miss = np.linalg.norm(r[:, p] - np.asarray(target.position), axis=-1)
                 J += target.position_weight * miss
             for j, wanted, weight in target.pairs():
-                goal = self.held[wanted] if isinstance(wanted, Held) else np.asarray(wanted)
+                goal = (
+                    self.held[wanted] if isinstance(wanted, HeldDirection) else np.asarray(wanted)
+                )
                 J += weight * np.linalg.norm(d[:, p, j] - goal, axis=-1)
         return J

@@ -22,7 +22,7 @@ from trunk_ocp.nlp.ipopt import IPOPT
 from trunk_ocp.nlp.point_functions import scaled_rates
 from trunk_ocp.planning.state import Options, first_mesh
 from trunk_ocp.problem.motion import Step
-from trunk_ocp.problem.targets import Held
+from trunk_ocp.problem.targets import HeldDirection
 from trunk_ocp.rod.collocation import gauss
 from trunk_ocp.rod.equations import STATES, point_parameters
 
@@ -50,7 +50,7 @@ class Horizon:
         self.directors = [ca.Function("director", [q], [d_j]) for d_j in d]
 
         self.opti, self.x = ca.Opti(), []
-        self.held: dict[Held, ca.MX] = {}
+        self.held: dict[HeldDirection, ca.MX] = {}
         f, before = ca.MX(0), ca.MX(np.zeros(plan.x.shape[1]))
         for t, step in enumerate(self.motion.steps):
             x = self.variable(plan.x[t])
@@ -156,7 +156,9 @@ class Horizon:
                 miss = self.length * r - np.asarray(target.position)
                 f += target.position_weight * ca.sumsqr(miss)
             for j, wanted, weight in target.pairs():
-                goal = self.held[wanted] if isinstance(wanted, Held) else np.asarray(wanted)
+                goal = (
+                    self.held[wanted] if isinstance(wanted, HeldDirection) else np.asarray(wanted)
+                )
                 f += weight * ca.sumsqr(self.directors[j](q) - goal)
         return f
 
@@ -167,7 +169,7 @@ class Horizon:
     def positions(self, t: int, Z: Any) -> np.ndarray:
         return self.plan.shape.position(np.asarray(Z))[t] / self.length
 
-    def held_start(self, held: Held) -> np.ndarray:
+    def held_start(self, held: HeldDirection) -> np.ndarray:
         return self.plan.shape.directors(np.array([held.Z]))[held.step, 0, held.director]
 
 

@@ -3,7 +3,7 @@
 Appendix B's feasible sets and first guesses; the extension penalty of 1e3; Sbplx (NLopt) or NOMAD
 for the main problems. The auxiliary problems, which need no boundary value problem, go to
 differential evolution (the paper's choice for the logs, appendix C) over whole populations, then
-to Sbplx, which here beat the paper's other choice. When an optimiser ends before its time it
+to Sbplx, which here beat the paper's other choice. When an optimizer ends before its time it
 starts again, as in B.3, from the best point plus a random change of up to 0.01.
 """
 
@@ -69,14 +69,14 @@ def sbplx_search(search: Search, start: np.ndarray, seed: int) -> None:
     import nlopt
 
     lower, upper = search.lower[search.free], search.upper[search.free]
-    optimiser = nlopt.opt(nlopt.LN_SBPLX, lower.size)
-    optimiser.set_lower_bounds(lower)
-    optimiser.set_upper_bounds(upper)
-    optimiser.set_min_objective(lambda x, _: float(search(x[None])[0]))
-    optimiser.set_xtol_rel(1e-6)
-    optimiser.set_maxtime(max(search.left, 1e-3))
+    optimizer = nlopt.opt(nlopt.LN_SBPLX, lower.size)
+    optimizer.set_lower_bounds(lower)
+    optimizer.set_upper_bounds(upper)
+    optimizer.set_min_objective(lambda x, _: float(search(x[None])[0]))
+    optimizer.set_xtol_rel(1e-6)
+    optimizer.set_maxtime(max(search.left, 1e-3))
     with contextlib.suppress(nlopt.RoundoffLimited, RuntimeError):
-        optimiser.optimize(start)
+        optimizer.optimize(start)
 
 
 def nomad_search(search: Search, start: np.ndarray, seed: int) -> None:
@@ -136,8 +136,8 @@ def evolution(search: Search) -> Search:
 METHODS = {"sbplx": sbplx_search, "nomad": nomad_search}
 
 
-def minimise(search: Search, method: str) -> Search:
-    """Run an optimiser until the time is up, starting it again when it ends early."""
+def minimize(search: Search, method: str) -> Search:
+    """Run an optimizer until the time is up, starting it again when it ends early."""
     rng, start, seed = np.random.default_rng(0), search.x[search.free], 0
     shortest = 0.5 if method == "nomad" else 0.02  # NOMAD counts whole seconds
     while search.left > shortest and start.size:
@@ -175,14 +175,14 @@ def sequential(motion: str, method: str, budget: float = 60.0) -> dict[str, Any]
             until = time.perf_counter() + AUXILIARY_SHARE * (end - time.perf_counter())
             first = auxiliary if chained else before
             J_unloaded = lambda x, t=t: objective.unloaded(t, x)
-            auxiliary = start = minimise(
+            auxiliary = start = minimize(
                 evolution(Search(J_unloaded, *own, first, until)), "sbplx"
             ).x
             near = start if step.auxiliary.binds else None
             box = allowed(loaded, step, near)
             lower, upper = box.lower, box.upper
         J = lambda x, t=t: objective.loaded(t, x)
-        search = minimise(Search(J, lower, upper, start, end), method)
+        search = minimize(Search(J, lower, upper, start, end), method)
         x.append(search.x)
         objective.decide(t, search.x)
         curves.append([(when - began, J) for when, J in search.found])

@@ -175,10 +175,10 @@ def inverse(parts: Parts) -> list[str]:
     return [
         "## Inverse: whole motions",
         "",
-        "J is the paper's, un-squared, summed over the steps, and never what we minimise; "
-        "`objective` is what all horizons minimise. Seconds include every start a method needs: "
+        "J is the paper's, un-squared, summed over the steps, and never what we minimize; "
+        "`objective` is what all horizons minimize. Seconds include every start a method needs: "
         "the horizon's is the sequential plan, of a tolerance of 1e-5 in ours and of 1e-8 in the "
-        "rows below, whose iterations do not count it. The programmes given to `nlpsol` are ours, "
+        "rows below, whose iterations do not count it. The NLPs given to `nlpsol` are ours, "
         "start and Ipopt options included, with or without our derivatives; their graph is ours, "
         "of mapped functions. With Opti the same horizon is written out by hand, in loops over "
         "steps, elements and Gauss points, from the same start. CPU seconds are of the whole "
@@ -209,7 +209,7 @@ def inverse(parts: Parts) -> list[str]:
 
 
 NLP = {
-    "ours": "the horizon's one programme, our derivatives",
+    "ours": "the horizon's one NLP, our derivatives",
     "expand": "the same, `nlpsol`, expand on",
     "plain": "the same, `nlpsol`, expand off",
     "opti-expand": "CasADi Opti, written out by hand, expand on",

@@ -3,7 +3,7 @@
 Both take the trunk's unloaded shape as reference, with the stiffness of the activated trunk and
 the weight of each slice at its nodes. Both are rods that shear, which the paper's Kirchhoff rod
 does not: what separates them from ours is reported as a difference, not as an error. With the
-shear stiffness raised by `STIFF`, EXUDYN's difference shrinks to its discretisation error.
+shear stiffness raised by `STIFF`, EXUDYN's difference shrinks to its discretization error.
 """
 
 from __future__ import annotations

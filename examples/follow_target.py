@@ -122,7 +122,7 @@ def draw(log: dict[str, np.ndarray], muscles: list[str], path: Path) -> None:
     for muscle, values in zip(muscles, log["x"].T, strict=False):
         style = {"color": GROUPS[muscle[3:]], "linestyle": "-" if muscle[0] == "R" else ":"}
         panels["activation"].plot(log["time"], values, linewidth=0.8, **style)
-    keys = [Line2D([], [], color=colour, label=group) for group, colour in GROUPS.items()]
+    keys = [Line2D([], [], color=color, label=group) for group, color in GROUPS.items()]
     panels["activation"].legend(handles=keys, frameon=False, fontsize=7, ncols=5, loc="lower left")
     panels["activation"].set(xlabel="time (s)", ylabel="activation; right solid, left dotted")
     panels["activation"].set_ylim(1.2 * log["x"][:, :-2].min(), 0.01)

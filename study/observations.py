@@ -308,7 +308,7 @@ def _weaker(trio: Trio) -> tuple[dict[str, float], bool]:
 
 PICK, LIFT, TILT = data.MOTIONS
 OBSERVATIONS = (
-    Observation(PICK, "6.1", "Reaching: longitudinal muscles bend segment 1 towards the fruit.",
+    Observation(PICK, "6.1", "Reaching: longitudinal muscles bend segment 1 toward the fruit.",
                 "dl has the largest mean in segment 1", _reach_longitudinal),
     Observation(PICK, "6.1", "Reaching: segment 2 twists by its inner ventral obliques, with "
                 "little longitudinal contraction.", "mean of ivo at least twice that of dl",
@@ -349,7 +349,7 @@ OBSERVATIONS = (
     Observation(LIFT, "6.2", "Dorsal radial muscles of segment 3 are at their bound when lifting "
                 "begins.", "at the bound at step 2", _saturated),
     Observation(LIFT, "6.2", "They draw back from it and reach it again in mid-lift: the "
-                "reorganisation.", f"a turn of more than {REVERSAL:g} both ways", _returns),
+                "reorganization.", f"a turn of more than {REVERSAL:g} both ways", _returns),
     Observation(LIFT, "6.2", "Activations go up and down during the lift.",
                 "a quarter of the muscles turn", _turning),
     Observation(TILT, "6.3", "psi_Y reaches about 30.5 degrees.", "within 3 degrees", _angle),
@@ -375,7 +375,7 @@ OBSERVATIONS = (
                 "uneven by more than 20 %", _uneven(3, "vr")),
     Observation(TILT, "6.3", "Lifting: changes from step to step are larger than in the symmetric "
                 "lift.", "larger largest change", _larger_changes),
-    Observation(TILT, "6.3", "Dorsal radial muscles of segment 3 reorganise here too.",
+    Observation(TILT, "6.3", "Dorsal radial muscles of segment 3 reorganize here too.",
                 f"a turn of more than {REVERSAL:g} both ways", _returns_tilted),
     Observation(TILT, "6.3", f"Lifting: {', '.join(WEAKER)} contract less than in the symmetric "
                 "lift.", "all six have a smaller mean", _weaker),

@@ -159,7 +159,7 @@ def turned(plans: Fields, way: str) -> Fields:
 def moving(plans: Fields, way: str) -> Fields:
     """How much activations move from the first step of the last phase but one on.
 
-    That is, during the lift; the paper's reorganisation is there. The fruit's eating is one step.
+    That is, during the lift; the paper's reorganization is there. The fruit's eating is one step.
     """
     size = np.abs(np.array(plans["ways"][way]["activations"]))[1:]
     third = np.array([muscle["segment"] == 3 for muscle in plans["muscles"]])

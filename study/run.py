@@ -42,7 +42,7 @@ RATES = {"pick-fruit": (None, 0.7, 0.6), "lift-log": (None, 2.4, 2.0)}
 LOOKAHEADS = {"pick-fruit": (1, 2, 3, 6, 22), "lift-log": (1, 2, 3, 5, 10)}
 SMOOTHNESS = tuple(10.0 ** np.arange(-7, -0.9))
 STARTS = 8
-COLOURS = 96
+COLORS = 96
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,9 @@ def redundant(name: str, size: Size) -> None:
 
 
 def shrunk(picture: Path) -> None:
-    """The same picture in `COLOURS` colours, for a repository."""
+    """The same picture in `COLORS` colors, for a repository."""
     with Image.open(picture) as image:
-        few = image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        few = image.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     few.save(picture, optimize=True)
 
 

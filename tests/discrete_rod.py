@@ -1,6 +1,6 @@
 """A chain of rotations with the energy of the rod: what stability is compared with.
 
-Neighbouring frames differ by a Rodrigues vector, taken as the bending over an interval; forces work
+Neighboring frames differ by a Rodrigues vector, taken as the bending over an interval; forces work
 at its middle, where the frame is the mean of both. The error is of second order in the interval.
 Nothing here calls the package but for the shape to start from; derivatives are CasADi's, so exact.
 """

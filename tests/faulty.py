@@ -13,6 +13,7 @@ import threading
 from pathlib import Path
 
 import trunk_ocp.cli.draw_run
+from trunk_ocp.cli import commands
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.cli import tables as screen
 from trunk_ocp.planning import checkpoint
@@ -73,4 +74,4 @@ if __name__ == "__main__":
     else:
         before(os, "replace", lambda source, target: Path(target).name == MOMENT)
     sys.argv[1:4] = []
-    cli.solve()
+    commands.solve()

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
+from trunk_ocp.cli import commands
 from trunk_ocp.cli import finished_runs as runs
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
@@ -23,7 +24,7 @@ FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.0, 0.0]")  # the trunk is 1.75 m
 
 def run(*arguments):
     """`solve-motion` in this process, without pictures."""
-    return CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
+    return CliRunner().invoke(commands.solve, [*map(str, arguments), "--no-figures"])
 
 
 def summary(folder):
@@ -101,13 +102,13 @@ def test_json_prints_the_summary_and_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("command", ["solve", "tables", "schema"])
 def test_every_command_has_help(command):
-    result = CliRunner().invoke(cli.main, [command, "--help"])
+    result = CliRunner().invoke(commands.main, [command, "--help"])
     assert result.exit_code == 0
     assert "Usage:" in result.stdout
 
 
 def test_trunk_ocp_solve_is_the_same_command():
-    ours = CliRunner().invoke(cli.main, ["solve", "--help"]).stdout.split("\n", 1)[1]
+    ours = CliRunner().invoke(commands.main, ["solve", "--help"]).stdout.split("\n", 1)[1]
     assert ours == run("--help").stdout.split("\n", 1)[1]
 
 
@@ -261,12 +262,12 @@ def test_an_interrupt_exits_4_with_the_best_so_far_saved(tmp_path, mode, line, f
 def test_a_finished_run_is_converted_for_other_programs(tmp_path):
     out = tmp_path / "out"
     assert run(written(tmp_path, POINT), "--out", out).exit_code == 0
-    result = CliRunner().invoke(cli.main, ["convert", str(out)])
+    result = CliRunner().invoke(commands.main, ["convert", str(out)])
     assert result.exit_code == 0, result.output
     assert (out / "horizon" / "motion.glb").read_bytes()[:4] == b"glTF"
     assert (out / "horizon" / "vtk" / "muscles.pvd").exists()
     assert (out / "horizon" / "activations.sto").exists()
-    only = CliRunner().invoke(cli.main, ["convert", str(out / "horizon"), "--to", "sto"])
+    only = CliRunner().invoke(commands.main, ["convert", str(out / "horizon"), "--to", "sto"])
     assert only.exit_code == 0, only.output
     assert only.stdout.strip().endswith(": sto")
 
@@ -276,7 +277,7 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     out = tmp_path / "out"
     problem = written(tmp_path, TOUCH)
     arguments = [str(problem), "--out", str(out), "--mode", "both", "--film"]
-    result = CliRunner().invoke(cli.solve, arguments)
+    result = CliRunner().invoke(commands.solve, arguments)
     assert result.exit_code == 0, result.output
     for mode in ("sequential", "horizon"):
         drawn = {path.name for path in (out / mode / "figures").iterdir()}
@@ -287,10 +288,10 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr(runs.webbrowser, "open", lambda page: opened.append(page) or True)
     (out / "motion.html").unlink()
-    shown = CliRunner().invoke(cli.main, ["view", str(out)])
+    shown = CliRunner().invoke(commands.main, ["view", str(out)])
     assert shown.exit_code == 0, shown.output
     assert opened == [(out / "motion.html").as_uri()]
-    quiet = CliRunner().invoke(cli.main, ["view", str(out / "horizon"), "--no-browser"])
+    quiet = CliRunner().invoke(commands.main, ["view", str(out / "horizon"), "--no-browser"])
     assert quiet.exit_code == 0, quiet.output
     assert len(opened) == 1
     assert (out / "horizon" / "motion.html").exists()
@@ -300,7 +301,7 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
 def test_what_is_not_a_finished_run_is_said_so(tmp_path, verb, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("lift-log", str(tmp_path)):
-        result = CliRunner().invoke(cli.main, [verb, name])
+        result = CliRunner().invoke(commands.main, [verb, name])
         assert result.exit_code == 2
         assert "no finished run" in result.stderr
         assert "solve-motion" in result.stderr

@@ -148,7 +148,7 @@ def direction():
 
 
 def push(x, newtons):
-    """The same inputs with a push on the tip towards the base."""
+    """The same inputs with a push on the tip toward the base."""
     x = x.copy()
     x[exported.model().layout.inputs["tip_force"]] = (5.0, 3.0, -newtons)
     return x
@@ -166,7 +166,7 @@ def test_unloaded_shapes_are_the_closed_form(library, x):
     model, n = exported.model(), exported.model().layout.controls
     y, _ = library.unloaded(x[0, :n])
     r, _ = unloaded_states(model.trunk, x[0, : n - 2], x[0, n - 2 : n], np.array(model.Z))
-    np.testing.assert_allclose(y[:, :3], r, atol=1e-14)  # round-off of metres
+    np.testing.assert_allclose(y[:, :3], r, atol=1e-14)  # round-off of meters
 
 
 def test_the_jacobian_is_the_slope_of_the_shape(library, x, direction):

@@ -90,13 +90,13 @@ def chain(kind, values):
 
 
 def by_definition(kind, values):
-    """The same from eq. (6) with the fibre direction printed beside them, by quadrature."""
+    """The same from eq. (6) with the fiber direction printed beside them, by quadrature."""
     mp.mp.dps = 40
     known = {sp.Symbol(name, real=True): sp.Float(x, 50) for name, x in values.items()}
     R, nu = sp.Symbol("R", real=True), mp.mpf(values["nu"])
     along, around = (
         sp.lambdify(R, formula.expression.doit().subs(known), "mpmath")
-        for formula in forms.fibre(kind)
+        for formula in forms.fiber(kind)
     )
     integrands = (
         lambda r: ((1 + nu) * along(r) - nu) * r,
@@ -127,14 +127,14 @@ def test_radial_factors_are_the_integrals_that_define_them(kind, seed):
 
 
 @pytest.mark.parametrize("kind", ["steep", "gentle", "tapered"])
-def test_the_fibre_direction_is_that_of_eqs_9_to_22(kind):
+def test_the_fiber_direction_is_that_of_eqs_9_to_22(kind):
     values = drawn(kind, 5) | {"R": 0.17}
     known = {sp.Symbol(name, real=True): x for name, x in values.items()}
     h = 0.0 if kind == "tapered" else values["h"]
     helix, taper = math.atan(h * 0.17), math.atan(values["k"] * 0.17)
     wanted = (math.cos(helix) * math.cos(taper)) ** 2  # D_Z of eq. (9) with beta = 0
     twist = math.sin(helix) * math.cos(helix) * math.cos(taper)
-    along, around = (float(at(known, f.expression)) for f in forms.fibre(kind))
+    along, around = (float(at(known, f.expression)) for f in forms.fiber(kind))
     assert (along, around) == pytest.approx((wanted, twist), rel=1e-14)
 
 
@@ -270,7 +270,7 @@ def test_at_rest_the_tip_moves_as_the_trunk_says():
 
 def formulas_of(trunk, muscle):
     tapered, kind = trunk.taper_rate > 0, forms.kind(trunk, muscle)
-    yield from forms.fibre(kind)
+    yield from forms.fiber(kind)
     yield from forms.coefficient_formulas(kind)
     yield from forms.axis()
     yield from forms.stretched(tapered)

@@ -80,7 +80,7 @@ def test_a_trunk_at_rest_has_finite_derivatives(module):
 
 def test_leading_axes_are_only_leading_axes(module, x):
     y, J = module.jacobian(x.reshape(2, 2, 40))
-    # A stack of matrices may be factorised in another order than a single one: round-off.
+    # A stack of matrices may be factorized in another order than a single one: round-off.
     np.testing.assert_allclose(y[1, 0], module.loaded(x[2]), rtol=0, atol=1e-10)
     np.testing.assert_allclose(J[1, 0], module.jacobian(x[2])[1], rtol=0, atol=1e-9)
     assert module.loaded(np.zeros((0, 40))).shape == (0, 3, 19)
@@ -121,7 +121,7 @@ def test_a_load_beyond_equilibrium_is_named_with_the_share_reached(module, x, mo
         module.loaded(some)
 
 
-def test_a_shape_that_has_no_answer_does_not_harm_its_neighbours(module, x):
+def test_a_shape_that_has_no_answer_does_not_harm_its_neighbors(module, x):
     """Loads so large that matrices become singular: its own error, and NaN nowhere else."""
     hard = x.copy()
     hard[1, 30:] *= 1e6

@@ -58,7 +58,7 @@ def test_quaternions_are_unit_at_the_edges_of_the_coarsest_mesh(trunk, draw):
         np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1, atol=1e-11)  # Newton's last step
     np.testing.assert_allclose(ends[:, :-1], shape.states[:, 1:, 0], atol=1e-9)  # continuous
     inside = np.linalg.norm(shape.states[:, :, 1:, :4], axis=-1)
-    assert np.abs(inside - 1).max() > 1e-6  # and it is not that the package normalises them
+    assert np.abs(inside - 1).max() > 1e-6  # and it is not that the package normalizes them
 
 
 @pytest.mark.parametrize("contact_from", [None, 0.0, 0.5, 0.875, 1.4, 1.74])

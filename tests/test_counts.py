@@ -5,9 +5,9 @@ import pytest
 from plans import MOTIONS, first_steps, planned, shipped
 
 from trunk_ocp.nlp import ipopt as solver
-from trunk_ocp.nlp.ipopt import Optimiser
+from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.planning import planner
-from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.state import Options, State, first_mesh
 
 # Iterations of each of the sequential plan's solves, and of the horizon from there. Seen were
@@ -44,9 +44,9 @@ def test_graphs_do_not_grow_with_the_steps(name):
     def operations(count):
         motion, options = first_steps(name, count), Options()
         mesh = first_mesh(motion, options)
-        one = Pass(motion, mesh, "horizon", count, options, Optimiser())
-        programme = one.window(0, motion.steps, State()).programme
-        return [f.n_instructions() for f in programme.derivatives().values()]
+        one = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
+        nlp = one.window(0, motion.steps, State()).nlp
+        return [f.n_instructions() for f in nlp.derivatives().values()]
 
     few, more = operations(4), operations(8)
     assert np.all(np.array(more) <= np.array(few))
@@ -59,10 +59,10 @@ def test_unknowns_of_a_step():
     mesh = first_mesh(motion, options)
     sizes = []
     for count in (5, 10):
-        one = Pass(motion, mesh, "horizon", count, options, Optimiser())
-        programme = one.window(0, motion.steps[:count], State()).programme
-        hessian = programme.derivatives()["hess_lag"].sparsity_out(0)
-        sizes.append((*programme.size, hessian.nnz()))
+        one = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
+        nlp = one.window(0, motion.steps[:count], State()).nlp
+        hessian = nlp.derivatives()["hess_lag"].sparsity_out(0)
+        sizes.append((*nlp.size, hessian.nnz()))
     few, many = np.array(sizes)
     np.testing.assert_allclose(many / few, 2.0, atol=0.05)
     assert many[0] <= 10 * 310

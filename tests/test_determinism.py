@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from plans import POINT, first_steps, written
 
 from trunk_ocp._support.provenance import fingerprint, versions
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan, summary
@@ -121,7 +121,7 @@ def test_both_modes_at_once_are_each_alone(problem, tmp_path):
     """A horizon alone starts from a rougher sequential plan; the sequential one is the same."""
     for mode in ("both", "sequential"):
         arguments = [str(problem), "--out", str(tmp_path / mode), "--mode", mode, "--no-figures"]
-        assert CliRunner().invoke(cli.solve, arguments).exit_code == 0
+        assert CliRunner().invoke(commands.solve, arguments).exit_code == 0
     csv = [tmp_path / mode / "sequential" / "activations.csv" for mode in ("both", "sequential")]
     assert csv[0].read_bytes() == csv[1].read_bytes()
     nc = [path.with_name("solution.nc") for path in csv]
@@ -138,7 +138,7 @@ def test_both_modes_at_once_are_each_alone(problem, tmp_path):
 
 def test_a_plan_tells_its_versions_and_options(problem, tmp_path):
     arguments = [str(problem), "--out", str(tmp_path), "--max-iterations", "500", "--no-figures"]
-    assert CliRunner().invoke(cli.solve, arguments).exit_code == 0
+    assert CliRunner().invoke(commands.solve, arguments).exit_code == 0
     told = json.loads((tmp_path / "horizon" / "summary.json").read_text())
     named = {"trunk_ocp", "casadi", "ipopt", "numpy", "scipy", "python", "platform"}
     assert set(told["versions"]) == named

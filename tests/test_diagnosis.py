@@ -12,15 +12,15 @@ from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 
 from trunk_ocp.analysis.bound_sensitivity import Response
 from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
-from trunk_ocp.cli import solve as cli
-from trunk_ocp.nlp.ipopt import Optimiser, Solve, rank
+from trunk_ocp.cli import commands
+from trunk_ocp.nlp.ipopt import Optimizer, Solve, rank
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.plan import PlanError, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.replanning import Replanner
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan
-from trunk_ocp.problem.motion import Box, load_motion
+from trunk_ocp.problem.motion import Bounds, load_motion
 from trunk_ocp.reporting import Reporter
 from trust import reference
 
@@ -232,16 +232,16 @@ class Points(Reporter):
 def test_no_iterate_was_better_than_the_one_that_is_kept(most):
     motion = first_steps("lift-log", 3)
     reporter = Points()
-    optimiser = Optimiser(max_iterations=most, reporter=reporter)
+    optimizer = Optimizer(max_iterations=most, reporter=reporter)
     mesh = planned("lift-log", "sequential").mesh
     window = Window(motion, mesh, motion.steps, np.zeros(30), {}, 0, Weights())
     start = window.pack(planned("lift-log", "sequential").x[:3] / 2,
         planned("lift-log", "sequential").part(0, 3))  # fmt: skip
-    outcome = optimiser.solve(window, start, "horizon", "cut short")
-    (solve,) = optimiser.solves
+    outcome = optimizer.solve(window, start, "horizon", "cut short")
+    (solve,) = optimizer.solves
     assert outcome.message == "Maximum_Iterations_Exceeded"
     assert len(reporter.seen) == len(solve.history) == most + 1
-    again = optimiser.evaluate(window, outcome.full)
+    again = optimizer.evaluate(window, outcome.full)
     assert again.objective == pytest.approx(outcome.objective, rel=1e-9)
     points = [
         replace(solve, objective=objective, infeasibility=progress.infeasibility)
@@ -304,7 +304,7 @@ def test_contradicting_bounds_are_named(ends):
 def test_bounds_that_bind_are_told_of_a_plan_that_failed_as_well(ends):
     """All muscles may do nothing, so none has a bound worth telling; the head has."""
     solved = ends[Status.SOLVED]
-    box = Box(np.minimum(solved.motion.box.lower, -1.0), solved.motion.box.upper)
+    box = Bounds(np.minimum(solved.motion.box.lower, -1.0), solved.motion.box.upper)
     box.lower[3] = solved.x[0, 3]
     step = replace(solved.motion.steps[0], box=box)
     plan = recorded(
@@ -377,7 +377,7 @@ def test_what_is_at_a_bound_is_told_with_its_steps():
         assert pressed["contraction"][name] == (np.flatnonzero(x < -3.4965) + 1).tolist()
 
 
-def test_effects_are_told_in_millimetres():
+def test_effects_are_told_in_millimeters():
     plan = plan_motion(replace(first_steps("lift-log", 3), extension=(0.75, 1.35)))
     responses = explain(plan).responses
     first = responses[0]
@@ -400,7 +400,7 @@ def test_effects_count_by_the_size_of_the_trunk_and_zero_has_no_sign():
 
 @cache
 def explained(folder, *arguments):
-    return CliRunner().invoke(cli.main, ["explain", str(folder), *arguments])
+    return CliRunner().invoke(commands.main, ["explain", str(folder), *arguments])
 
 
 @pytest.mark.parametrize("status", Status)
@@ -455,17 +455,17 @@ def test_a_folder_without_a_run_gets_a_message(tmp_path):
 def test_what_is_not_solved_is_converted_only_if_asked_twice(ends, tmp_path):
     save_plan(ends[Status.MISSED], tmp_path / "horizon")
     convert = ["convert", str(tmp_path), "--to", "sto"]
-    refused = CliRunner().invoke(cli.main, convert)
+    refused = CliRunner().invoke(commands.main, convert)
     assert refused.exit_code == 2
     assert Status.MISSED.value in refused.stderr
     assert "--anyway" in refused.stderr
     assert not (tmp_path / "horizon" / "activations.sto").exists()
-    assert CliRunner().invoke(cli.main, [*convert, "--anyway"]).exit_code == 0
+    assert CliRunner().invoke(commands.main, [*convert, "--anyway"]).exit_code == 0
     assert (tmp_path / "horizon" / "activations.sto").exists()
 
 
 def test_view_shows_what_is_not_solved(ends, tmp_path):
     save_plan(ends[Status.MISSED], tmp_path / "horizon")
-    shown = CliRunner().invoke(cli.main, ["view", str(tmp_path), "--no-browser"])
+    shown = CliRunner().invoke(commands.main, ["view", str(tmp_path), "--no-browser"])
     assert shown.exit_code == 0, shown.output
     assert Status.MISSED.value in (tmp_path / "motion.html").read_text()

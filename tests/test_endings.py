@@ -31,7 +31,7 @@ ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def invoked(*arguments):
-    return CliRunner().invoke(cli.main, [*map(str, arguments)])
+    return CliRunner().invoke(commands.main, [*map(str, arguments)])
 
 
 def every_command():

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 import trunk_ocp as to
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.codegen import casadi_function
 from trunk_ocp.codegen.cases import cases, free_cases, resolved
 from trunk_ocp.codegen.formats import FORMATS, check_export
@@ -29,7 +29,7 @@ FORMULAS = [name for name, form in FORMATS.items() if form.formulas]
 
 
 def export(*arguments):
-    return CliRunner().invoke(cli.main, ["export", *map(str, arguments)])
+    return CliRunner().invoke(commands.main, ["export", *map(str, arguments)])
 
 
 def needs(to):
@@ -57,7 +57,7 @@ def test_every_format_agrees_with_its_check_file_in_its_own_world(tmp_path, to):
     assert {path.name for path in tmp_path.iterdir()} <= {*NAMES, MANIFEST}
 
 
-def test_the_programme_of_a_motion_agrees_with_its_check_file(tmp_path):
+def test_the_nlp_of_a_motion_agrees_with_its_check_file(tmp_path):
     arguments = ["lift-log", "--what", "constraints", "--to", "c", "--out", tmp_path, "--check"]
     result = export(*arguments)
     assert result.exit_code == 0, result.output
@@ -84,7 +84,7 @@ def test_an_export_that_disagrees_is_told_with_exit_code_3(tmp_path):
     arguments = ["asian-elephant", "--to", "casadi", "--out", tmp_path]
     assert export(*arguments).exit_code == 0
     rows = np.loadtxt(tmp_path / "check.csv", delimiter=",")
-    rows[2, 34] += 1e-8  # one position, by a hundredth of a micrometre
+    rows[2, 34] += 1e-8  # one position, by a hundredth of a micrometer
     np.savetxt(tmp_path / "check.csv", rows, delimiter=",", fmt="%.17g")
     with pytest.raises(CheckError, match="ABOVE"):
         check_export(tmp_path, "casadi")

@@ -21,7 +21,7 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.interpolation import interpolate
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.rod.statics import solve_statics
-from trunk_ocp.scene import colors as colours
+from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import keyframes, surfaces
 from trunk_ocp.scene.body import Body, muscle_body, trunk_body
 
@@ -198,7 +198,7 @@ def shapes(gltf, node, attribute="POSITION"):
     return base + np.array([np.zeros_like(base), *more])
 
 
-def test_a_muscle_is_a_node_with_a_mesh_a_colour_and_its_activations(files):
+def test_a_muscle_is_a_node_with_a_mesh_a_color_and_its_activations(files):
     file = files("pick-fruit")
     trunk = file.plan.motion.trunk
     nodes = muscle_nodes(file.gltf)
@@ -215,14 +215,14 @@ def test_a_muscle_is_a_node_with_a_mesh_a_colour_and_its_activations(files):
     assert file.path.stat().st_size <= 6_000_000
 
 
-def test_colours_are_those_of_okabe_and_ito_in_linear_light(files):
+def test_colors_are_those_of_okabe_and_ito_in_linear_light(files):
     gltf = files("pick-fruit").gltf
     for node in muscle_nodes(gltf):
         material = gltf.materials[gltf.meshes[node.mesh].primitives[0].material]
         linear = np.array(material.pbrMetallicRoughness.baseColorFactor)[:3]
         shown = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
         red, green, blue = np.round(255 * shown).astype(int)
-        assert f"#{red:02X}{green:02X}{blue:02X}" == colours.MUSCLES[node.extras["group"]]
+        assert f"#{red:02X}{green:02X}{blue:02X}" == colors.MUSCLES[node.extras["group"]]
 
 
 def test_the_trunk_hangs_along_minus_Y_and_points_forwards_along_plus_Z(files):
@@ -343,13 +343,13 @@ def phases(plan):
     return [plan.motion.phases[step.phase] for step in plan.motion.steps]
 
 
-def test_unknown_groups_get_colours_of_their_own(trunk):
+def test_unknown_groups_get_colors_of_their_own(trunk):
     groups = [f"group{i}" for i in range(9)]
     muscles = tuple(replace(trunk.subdomains[0], group=group) for group in [*groups, "dl"])
-    found = colours.group_colours(replace(trunk, subdomains=muscles))
-    assert found.get("dl", colours.MUSCLES["dl"]) == colours.MUSCLES["dl"]
-    assert len({found[group] for group in groups}) == len(colours.OTHERS)
-    assert not set(colours.OTHERS) & set(colours.MUSCLES.values())
+    found = colors.group_colors(replace(trunk, subdomains=muscles))
+    assert found.get("dl", colors.MUSCLES["dl"]) == colors.MUSCLES["dl"]
+    assert len({found[group] for group in groups}) == len(colors.OTHERS)
+    assert not set(colors.OTHERS) & set(colors.MUSCLES.values())
 
 
 # VTK

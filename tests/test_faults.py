@@ -23,6 +23,7 @@ from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
 from trunk_ocp._support.atomic_files import alone, replacing, write
+from trunk_ocp.cli import commands
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import draw_anatomy, write_film
@@ -35,13 +36,13 @@ from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.viewer import write_page
 
 FAULTY = Path(__file__).with_name("faulty.py")
-SOLVE = [sys.executable, "-c", "from trunk_ocp.cli.solve import solve; solve()"]
+SOLVE = [sys.executable, "-c", "from trunk_ocp.cli.commands import solve; solve()"]
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def run(*arguments):
     """`solve-motion` in this process, without pictures."""
-    return CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
+    return CliRunner().invoke(commands.solve, [*map(str, arguments), "--no-figures"])
 
 
 def started(command, *arguments, **options):

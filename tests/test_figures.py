@@ -39,7 +39,7 @@ from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.motion import build_motion, load_motion
 from trunk_ocp.rod.statics import solve_statics
-from trunk_ocp.scene import colors as colours
+from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import moments as instants
 from trunk_ocp.scene.surroundings import head_sphere, log_at
 
@@ -118,7 +118,7 @@ def test_every_muscle_has_one_curve_through_its_activations(name):
         (line,) = with_gid(figure, muscle.name)
         at = np.searchsorted(line.get_xdata(), steps)
         np.testing.assert_array_equal(line.get_ydata()[at], plan.activations[:, index])
-        assert line.get_color() == colours.MUSCLES[muscle.group]
+        assert line.get_color() == colors.MUSCLES[muscle.group]
         assert line.get_linestyle() == {"R": "-", "L": ":"}[muscle.side]
     for index in range(2):
         (line,) = with_gid(figure, f"head {index}")
@@ -185,19 +185,19 @@ def test_a_muscle_that_may_not_move_is_not_saturated():
     assert not above[0, index]
 
 
-def test_colours_come_from_the_one_code():
+def test_colors_come_from_the_one_code():
     plan = planned("lift-log", "horizon")
     trunk = plan.motion.trunk
-    assert colours.group_colours(trunk) == colours.MUSCLES
+    assert colors.group_colors(trunk) == colors.MUSCLES
     with style.styled():
         section = anatomy.sections_picture(trunk)
         both = comparison.picture(planned("lift-log", "sequential"), plan)
     for muscle in trunk.subdomains:
-        colour = colours.MUSCLES[muscle.group].lower()
+        color = colors.MUSCLES[muscle.group].lower()
         (patch,) = with_gid(section, muscle.name)
-        assert to_hex(patch.get_facecolor()) == colour
+        assert to_hex(patch.get_facecolor()) == color
         (line,) = with_gid(both, f"horizon {muscle.name}")
-        assert to_hex(line.get_color()) == colour
+        assert to_hex(line.get_color()) == color
         assert len(with_gid(both, f"sequential {muscle.name}")) == 1
 
 
@@ -261,7 +261,7 @@ def test_the_fruit_is_drawn_where_the_motion_says():
     rows = rows_of(plan)
     np.testing.assert_array_equal(rows[0].marks[0].target, (0.7, 0.3, -0.2))  # the fruit
     np.testing.assert_array_equal(rows[2].marks[0].target, (-0.2, 0.0, 0.16))  # the mouth
-    assert [any(s.colour == colours.MASS for s in shapes.layer(plan, row, 0)) for row in rows] == [
+    assert [any(s.color == colors.MASS for s in shapes.layer(plan, row, 0)) for row in rows] == [
         False,
         False,
         True,
@@ -351,7 +351,7 @@ def test_views_are_right_handed_and_bodies_closed():
         assert np.all(np.sum(normals * (facets.mean(axis=1) - 1), axis=1) >= 0)  # outwards
 
 
-def test_muscles_are_coloured_by_the_strength_of_their_activation():
+def test_muscles_are_colored_by_the_strength_of_their_activation():
     plan = planned("lift-log", "horizon")
     moments = instants.instants(plan, instants.through(plan))
     assert len(moments) == 5
@@ -359,7 +359,7 @@ def test_muscles_are_coloured_by_the_strength_of_their_activation():
     with style.styled():
         figure = muscles.picture(plan, moments, "R")
     bodies = figure.findobj(PolyCollection)
-    groups = len(colours.groups(plan.motion.trunk))
+    groups = len(colors.groups(plan.motion.trunk))
     assert len([b for b in bodies if len(b.get_paths()) > 50]) >= 5 * groups
     assert muscles.strongest(plan) == 3.5
 
@@ -398,9 +398,9 @@ def drawn(plan, folder):
     return {file.stem for file in draw(plan, folder, ("png",))}
 
 
-def test_another_trunk_has_colours_of_its_own_and_no_head(tmp_path):
+def test_another_trunk_has_colors_of_its_own_and_no_head(tmp_path):
     plan = plan_motion(arm(tmp_path, "position = [0.2, 0.1, 0.9]\nd3 = [0.0, 0.0, 1.0]"))
-    assert len(set(colours.group_colours(plan.motion.trunk).values())) == 2
+    assert len(set(colors.group_colors(plan.motion.trunk).values())) == 2
     assert head_sphere(plan.motion.trunk) is None
     assert "muscles-left" in drawn(plan, tmp_path)
     assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 2
@@ -456,7 +456,7 @@ def test_any_number_of_phases_fits_on_a_page(tmp_path, count):
     assert len(with_gid(figure, "target")) == count * len(VIEWS)  # none is left out
     assert figure.get_figheight() / style.MM <= shapes.TALLEST + shapes.HEADER + 1e-6
     drawn = [axes.get_position() for axes in figure.axes]
-    # A trunk of 1 m is to be seen: two centimetres at least.
+    # A trunk of 1 m is to be seen: two centimeters at least.
     assert min(box.height for box in drawn) * figure.get_figheight() / style.MM >= 20
     assert all(shapes.layer(plan, row, 0) for row in rows)
 

@@ -11,6 +11,7 @@ from plans import TOUCH, written
 
 from trunk_ocp._support import atomic_files as files
 from trunk_ocp._support.atomic_files import alone, replacing, write
+from trunk_ocp.cli import commands
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
@@ -57,7 +58,7 @@ def test_a_run_leaves_the_users_own_files_of_a_thousand_trees(tmp_path, monkeypa
         trees = [grown(out, dice) for _ in range(100)]
         for _ in range(2):
             result = CliRunner().invoke(
-                cli.solve, [str(problem), "--no-figures", "--out", str(out)]
+                commands.solve, [str(problem), "--no-figures", "--out", str(out)]
             )
             assert result.exit_code == 0, result.output
         for path, content in (item for tree in trees for item in tree.items()):

@@ -25,7 +25,7 @@ from trunk_ocp.analysis.lookahead_study import (
     survey,
 )
 from trunk_ocp.analysis.measures import DEFINITIONS, Measures, measure, reversals
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.nlp.window import Weights
@@ -49,7 +49,7 @@ def toy():
 
 
 def cost(gamma, wanted, before, duration=1.0):
-    """What the planner minimises of the toy: two muscles, each gamma."""
+    """What the planner minimizes of the toy: two muscles, each gamma."""
     change = np.diff(gamma, prepend=before)
     tracking = np.sum((C * (gamma - wanted)) ** 2)
     effort, rate = 2 * np.sum(gamma**2), 2 * np.sum(change**2) / duration
@@ -57,7 +57,7 @@ def cost(gamma, wanted, before, duration=1.0):
 
 
 def by_hand(wanted, before):
-    """The window's contractions, by sequential least squares on its quadratic programme."""
+    """The window's contractions, by sequential least squares on its quadratic program."""
     steps = len(wanted)
     difference = np.eye(steps) - np.eye(steps, k=-1)
     first = np.eye(steps)[0] * before
@@ -101,7 +101,7 @@ def test_foresight_halves_what_a_blind_plan_misses():
 
 
 @pytest.mark.parametrize("lookahead", range(1, len(WANTED) + 1))
-def test_every_lookahead_is_its_quadratic_programmes(lookahead):
+def test_every_lookahead_is_its_quadratic_program(lookahead):
     plan = toy().curve.plans[lookahead]
     gamma = receding(WANTED, lookahead)
     np.testing.assert_allclose(plan.activations, np.stack([gamma, gamma], axis=1), atol=2e-4)
@@ -397,7 +397,7 @@ def test_an_error_in_another_process_keeps_its_kind():
 def test_compare_writes_numbers_with_their_definitions_and_a_figure(tmp_path):
     problem = str(written(tmp_path, POINT))
     arguments = ["compare", problem, "--out", str(tmp_path / "out"), "--processes", "1"]
-    result = CliRunner().invoke(cli.main, [*arguments, "--max-rate", "0.6"])
+    result = CliRunner().invoke(commands.main, [*arguments, "--max-rate", "0.6"])
     assert result.exit_code == 0, result.output
     report = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert report["limits"] == {"activation": None, "rate": 0.6}
@@ -412,7 +412,7 @@ def test_survey_writes_both_files(tmp_path):
     problem = str(written(tmp_path, TOUCH))
     arguments = ["survey", problem, "--out", str(tmp_path), "--processes", "1"]
     limits = ["--max-rates", "none,0.6", "--lookaheads", "1"]
-    result = CliRunner().invoke(cli.main, [*arguments, *limits])
+    result = CliRunner().invoke(commands.main, [*arguments, *limits])
     assert result.exit_code == 0, result.output
     cells = json.loads((tmp_path / "survey.json").read_text())["cells"]
     assert [cell["limits"]["rate"] for cell in cells] == [None, 0.6]
@@ -428,6 +428,6 @@ def test_survey_writes_both_files(tmp_path):
 )  # fmt: skip
 def test_wrong_limits_exit_2(wrong, tmp_path):
     problem = str(written(tmp_path, POINT))
-    result = CliRunner().invoke(cli.main, ["compare", problem, "--out", str(tmp_path), *wrong])
+    result = CliRunner().invoke(commands.main, ["compare", problem, "--out", str(tmp_path), *wrong])
     assert result.exit_code == 2
     assert "Traceback" not in result.output

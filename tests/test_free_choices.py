@@ -14,7 +14,7 @@ from trunk_ocp.analysis.free_choices import one_sided
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
-from trunk_ocp.problem.motion import Box, load_motion
+from trunk_ocp.problem.motion import Bounds, load_motion
 
 # A leaf above the head, straight ahead, that is reached and held.
 HOLD = """position_weight = 8.0
@@ -163,7 +163,7 @@ def test_no_muscle_is_said_to_contract_that_may_only_lengthen(tmp_path):
     x = plan.x.copy()
     x[:, :count] = 0.0
     x[:, 3] = 1.0
-    steps = tuple(replace(step, box=Box(lower, upper)) for step in plan.motion.steps)
+    steps = tuple(replace(step, box=Bounds(lower, upper)) for step in plan.motion.steps)
     longer = replace(plan, x=x, motion=replace(plan.motion, steps=steps))
     pressed = at_bounds(longer)
     assert pressed["contraction"] == {}

@@ -24,7 +24,7 @@ def rotation(z, y):
 def test_at_rest_the_base_is_at_the_origin(trunk):
     r, d, _ = pose(trunk.head, (0.0, 0.0))
     np.testing.assert_array_equal(r, np.zeros(3))
-    # d_3 leans from +Z (down) by xi_d = 30 degrees towards +X.
+    # d_3 leans from +Z (down) by xi_d = 30 degrees toward +X.
     np.testing.assert_allclose(d[2], [0.5, 0, np.sqrt(0.75)], atol=ROUND_OFF)
 
 

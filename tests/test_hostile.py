@@ -21,7 +21,7 @@ from plans import MOTIONS, POINT, TOUCH, shipped, written
 from test_user_motions import REACH, ROD
 
 import trunk_ocp
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.planning import two_point, verification
@@ -101,7 +101,7 @@ def test_the_command_line_ends_with_a_code_and_a_message(tmp_path_factory, case)
     for name, content in case.files.items():
         (folder / name).write_bytes(content)
     arguments = [folder / "problem.toml", "--out", folder / "out", "--max-iterations", 20]
-    result = CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
+    result = CliRunner().invoke(commands.solve, [*map(str, arguments), "--no-figures"])
     assert result.exit_code in (0, 2, 3, 4), result.output
     # A clean end, which click does not call an exception, or one on purpose.
     assert result.exit_code == 0 or isinstance(result.exception, SystemExit)
@@ -341,7 +341,7 @@ def test_nothing_in_a_problem_or_anatomy_file_is_run(tmp_path, monkeypatch):
     text = f'anatomy = "arm.toml"\ntitle = "{CODE} [/] [bold] {{title}}"\n' + text
     written(tmp_path, ROD.replace("soft-arm", CODE), "arm.toml")
     path = written(tmp_path, text.replace("Z = 1.75", "Z = 1.0"))
-    result = CliRunner().invoke(cli.solve, [str(path), "--out", "[out]", "--no-figures"])
+    result = CliRunner().invoke(commands.solve, [str(path), "--out", "[out]", "--no-figures"])
     assert result.exit_code in (0, 3), result.output
     assert CODE in result.stdout.replace("\n", "")
     for old, code in (("[-3.0, 0.0]", f'"{CODE}"'), ("1.75", f'"{CODE}"'), ("touch", CODE)):
@@ -461,7 +461,7 @@ change excluded | duration = 1.0 | duration = 1.0\nbounds = { activation = [-1.0
 gravity upwards | [bounds] | gravity = -9.8\n[bounds] | gravity & -9.8 & +Z points down
 gravity in mm | [bounds] | gravity = 9800.0\n[bounds] | gravity & mm/s^2 & 9.8
 tolerance in mm | [bounds] | tolerance = { position = 20.0 }\n[bounds] | tolerance.position & mm & 0.02
-tolerance of metres | [bounds] | tolerance = { position = 5.0 }\n[bounds] | every point within 5 m & the trunk is 1.75 m long
+tolerance of meters | [bounds] | tolerance = { position = 5.0 }\n[bounds] | every point within 5 m & the trunk is 1.75 m long
 jump of nothing | duration = 1.0 | duration = 1.0\nloads.jump = { pull = true, contact = true } | loads.jump.pull = true & no such load & nothing jumps
 jump of no contact | duration = 1.0 | duration = 1.0\nloads.jump = { pull = true, contact = true } | loads.jump.contact = true & no such load
 tolerance in degrees | [bounds] | tolerance = { direction = 3.0 }\n[bounds] | tolerance.direction & 0.052
@@ -555,7 +555,7 @@ def test_no_shipped_motion_has_a_warning(name):
 
 def test_the_command_line_prints_warnings_before_it_plans(tmp_path):
     path = written(tmp_path, TOUCH.replace("[bounds]", "[bounds]\nhead_z_deg = [-0.2, 0.2]"))
-    result = CliRunner().invoke(cli.solve, [str(path), "--out", str(tmp_path), "--no-figures"])
+    result = CliRunner().invoke(commands.solve, [str(path), "--out", str(tmp_path), "--no-figures"])
     assert result.exit_code == 0, result.output
     assert result.stderr.startswith(f"warning: {path}: bounds.head_z_deg = [-0.2, 0.2]")
     assert json.loads((tmp_path / "horizon" / "summary.json").read_text())["status"] == "solved"

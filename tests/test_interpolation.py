@@ -60,7 +60,7 @@ def test_hermite_is_smooth_inside_its_phase():
         np.testing.assert_allclose(left, right, rtol=0, atol=1e3 * h)
 
 
-def test_hermite_is_at_rest_where_it_joins_its_neighbours():
+def test_hermite_is_at_rest_where_it_joins_its_neighbors():
     motion, values = shipped("lift-log"), random_values("lift-log")
     h = 1e-6
     for t, away in ((1.4, h), (2.4, -h)):
@@ -69,7 +69,7 @@ def test_hermite_is_at_rest_where_it_joins_its_neighbours():
 
 
 @pytest.mark.parametrize("name", ["pick-fruit", "lift-log"])
-def test_nothing_passes_beyond_its_neighbours(name):
+def test_nothing_passes_beyond_its_neighbors(name):
     """So that bounds kept at time steps are kept in between."""
     motion, values = shipped(name), random_values(name)
     times = np.append(0.0, motion.times)

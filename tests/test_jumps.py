@@ -295,8 +295,8 @@ def test_pictures_of_a_phase_begin_after_the_jump_and_end_before_it():
     np.testing.assert_allclose(eat.shape.position(TIP)[0, 0], after, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows[2].tips[0], after, rtol=0, atol=1e-6)
     assert not any(instant.after for row in rows[:2] for instant in row.trunks)
-    assert any(s.colour == shapes.MASS for s in shapes.layer(plan, rows[2], 0))
-    assert not any(s.colour == shapes.MASS for s in shapes.layer(plan, rows[1], 3))
+    assert any(s.color == shapes.MASS for s in shapes.layer(plan, rows[2], 0))
+    assert not any(s.color == shapes.MASS for s in shapes.layer(plan, rows[1], 3))
 
 
 def test_film_and_muscles_show_both_sides():
@@ -316,7 +316,7 @@ def test_the_film_hangs_the_fruit_on_the_tip_from_the_jump_on(monkeypatch, after
     monkeypatch.setattr(film, "paint", lambda axes, view, surfaces, **_: held.append(surfaces))
     moments = instants.instants(plan, np.array([PICKED]))
     film.Stage(plan, moments).show(moments[after])
-    assert [any(s.colour == shapes.MASS for s in drawn) for drawn in held] == [after, after]
+    assert [any(s.color == shapes.MASS for s in drawn) for drawn in held] == [after, after]
 
 
 def test_key_frames_have_both_sides_of_a_jump_a_millisecond_apart():
@@ -372,7 +372,7 @@ def test_samples_of_the_page_have_both_sides_and_the_fruit_hangs_on_the_tip():
     tips = rows(told["frames"]["position"])[:, -1]
     np.testing.assert_allclose(tips[at : at + 2], tips_at_the_jump(), rtol=0, atol=1e-6)
     (thing,) = told["objects"]
-    away = np.linalg.norm(rows(thing["centre"])[:, 0] - tips, axis=-1)
+    away = np.linalg.norm(rows(thing["center"])[:, 0] - tips, axis=-1)
     np.testing.assert_allclose(away[at:], thing["radius"], rtol=1e-4)
-    waiting = rows(thing["centre"])[: at + 1, 0]
+    waiting = rows(thing["center"])[: at + 1, 0]
     np.testing.assert_array_equal(waiting, np.broadcast_to(waiting[-1], waiting.shape))

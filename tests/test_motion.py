@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import trunk_ocp
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.problem.motion import Held, allowed, load_motion
+from trunk_ocp.problem.motion import HeldDirection, allowed, load_motion
 
 L = 1.75
 EXACT = 1e-12  # decimals in the files are typed out to sixteen digits
@@ -71,7 +71,7 @@ def test_fruit_targets():
     directions = [g[0].pairs() for g in goals]
     assert all(len(pairs) == 1 and pairs[0][0] == 2 for pairs in directions)
     assert same(directions[0][0][1], (0, 0, -1))
-    assert all(pairs[0][1] == Held(0, L, 2) for pairs in directions[1:21])
+    assert all(pairs[0][1] == HeldDirection(0, L, 2) for pairs in directions[1:21])
     mouth = Rotation.from_euler("y", -3 * math.pi / 4).apply([0, 0, 1])
     assert same(directions[21][0][1], mouth)
 
@@ -86,8 +86,8 @@ def test_fruit_loads_pull_up_to_100_newton_then_carry_8_kilograms():
     for T in range(1, 21):
         force, held = steps[T].pull
         assert force == pytest.approx(100 * T / 20, abs=EXACT)
-        assert held == Held(0, L, 2)
-    assert motion.held == (Held(0, L, 2),)
+        assert held == HeldDirection(0, L, 2)
+    assert motion.held == (HeldDirection(0, L, 2),)
     assert motion.contact_from is None
 
 
@@ -240,7 +240,7 @@ def test_every_motion_has_the_measured_extension_limits_and_trunk(name):
 
 
 def test_a_deviation_cuts_the_motions_own_bounds_not_the_auxiliary_ones():
-    """Eq. (B.2): the neighbourhood meets [-gamma_max, 0]; eq. (B.3) is the auxiliary's."""
+    """Eq. (B.2): the neighborhood meets [-gamma_max, 0]; eq. (B.3) is the auxiliary's."""
     motion = shipped("lift-log")
     near = np.concatenate([np.full(28, -2.9), [0.05, 0.1]])
     box = allowed(motion, motion.steps[0], near)

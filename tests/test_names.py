@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from plans import TOUCH
 
 import trunk_ocp as to
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.codegen import foreign
 from trunk_ocp.codegen.c import STRICT
 from trunk_ocp.codegen.formats import FORMATS
@@ -264,7 +264,7 @@ def test_any_printable_name_is_exported(tmp_path, monkeypatch, form, name):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "anatomy.toml"
     path.write_text(elephant(name), encoding="utf-8")
-    result = CliRunner().invoke(cli.main, ["export", str(path), "--to", form, "--check"])
+    result = CliRunner().invoke(commands.main, ["export", str(path), "--to", form, "--check"])
     assert result.exit_code == 0, result.output
     assert "all agree" in result.output
     (folder,) = (tmp_path / "export").iterdir()

@@ -11,7 +11,7 @@ from plans import TOUCH, first_steps, shipped, written
 from toys import pointing, shortening
 
 from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, optima, random_motion
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.anatomy import load_anatomy
@@ -182,7 +182,7 @@ def test_a_trunk_without_another_side_has_no_mirror_image(trunk):
 def test_optima_writes_what_it_found(tmp_path):
     problem = str(written(tmp_path, TOUCH))
     arguments = ["optima", problem, "--out", str(tmp_path), "--starts", "2", "--processes", "1"]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(commands.main, arguments)
     assert result.exit_code == 0, result.output
     report = json.loads((tmp_path / "optima.json").read_text())
     assert report["starts"] == 5

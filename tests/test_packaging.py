@@ -1,4 +1,4 @@
-"""What is promised to those who install: versions, required keys, licence, a whole sdist."""
+"""What is promised to those who install: versions, required keys, license, a whole sdist."""
 
 import ast
 import inspect
@@ -74,7 +74,7 @@ def test_types_that_keys_share_hold_no_field(module):
         assert not any(isinstance(part, FieldInfo) for part in kind.__metadata__), name
 
 
-def test_the_sdist_has_a_licence_and_all_that_tests_and_make_use():
+def test_the_sdist_has_a_license_and_all_that_tests_and_make_use():
     included = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
     paths = [path for each in included for path in ROOT.glob(each.lstrip("/"))]
     assert all([*ROOT.glob(each.lstrip("/"))] for each in included)

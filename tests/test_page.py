@@ -39,7 +39,7 @@ ARGS = [
 LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 LARGEST = 3_000_000  # bytes of a page
 
-# A trunk of two segments that no paper knows: its own group, on one side, up to the centre.
+# A trunk of two segments that no paper knows: its own group, on one side, up to the center.
 OTHER_TRUNK = soft_rod("other", ("[0.0, 0.5]", "[0.5, 1.0]"), radius="0.1")
 OTHER_MUSCLE = """
 muscles = [
@@ -153,7 +153,7 @@ def test_a_page_is_one_file_without_a_link_elsewhere(pages):
         text = path.read_text(encoding="utf-8")
         assert path.stat().st_size <= LARGEST
         assert not re.search(r"<(script|img|link|iframe)[^>]+(src|href)=", text)
-        assert "Permission is hereby granted" in text  # three.js travels with its licence
+        assert "Permission is hereby granted" in text  # three.js travels with its license
         assert not re.search(r"^(import|export) ", text, re.MULTILINE)
 
 
@@ -208,7 +208,7 @@ def test_groups_and_sides_are_shown_and_hidden(visit, pages):
         assert curve(tab, muscle).is_visible()
 
 
-def test_colours_by_group_or_activation(visit, pages):
+def test_colors_by_group_or_activation(visit, pages):
     tab = visit(pages["both"])
     by_activation = picture(tab)
     tab.get_by_label("Color of the muscles", exact=True).select_option("group")
@@ -530,8 +530,8 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     tip = plan.sample(instants(plan)[-1]).shape
     reach = np.array([1.75])
     expected = tip.position(reach) + fruit["radius"] * tip.directors(reach)[:, 2]
-    assert decoded(fruit["centre"])[-1] == pytest.approx(expected[0], abs=1e-5)
-    assert decoded(fruit["centre"])[0] == pytest.approx(
+    assert decoded(fruit["center"])[-1] == pytest.approx(expected[0], abs=1e-5)
+    assert decoded(fruit["center"])[0] == pytest.approx(
         [0.7, 0.3, -0.2 - fruit["radius"]], abs=2e-3
     )
 
@@ -552,13 +552,13 @@ def test_log_hangs_where_its_couple_says():
     plan = planned("lift-log-asymmetric", "sequential")
     (log,) = payload([plan])["plans"][0]["objects"]
     load = plan.loads[-1]
-    arm = decoded(log["centre"])[-1] - grip(plan)
+    arm = decoded(log["center"])[-1] - grip(plan)
     turn = np.cross(arm, load.contact_force)
     assert turn == pytest.approx(load.contact_couple, abs=1e-3)
 
 
 def grip(plan):
-    """Centre of the arc of the last step, from the motion's own numbers: p(t = 1) of its path."""
+    """Center of the arc of the last step, from the motion's own numbers: p(t = 1) of its path."""
     rest = plan.sample(0.0).shape.position([1.75])[0]
     return rest + plan.motion.spec.phases[-1].wrap.path[-1]
 

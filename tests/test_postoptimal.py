@@ -8,11 +8,11 @@ import pytest
 from plans import TOUCH, first_steps, written
 
 from trunk_ocp.analysis.bound_sensitivity import PART, responses
-from trunk_ocp.nlp.ipopt import WARM, Optimiser
+from trunk_ocp.nlp.ipopt import WARM, Optimizer
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
-from trunk_ocp.problem.motion import Box, allowed, load_motion
+from trunk_ocp.problem.motion import Bounds, allowed, load_motion
 
 SHARE = 0.1  # of the told move, by which bounds are really moved, both ways
 
@@ -55,7 +55,7 @@ def moved(motion, response, share):
         end = ends[response.moved > 0]
         # In another phase the bound may be another one, which moves by the same share of itself.
         end[i] += by * (end[i] / value if np.isfinite(end[i]) and value else 1.0)
-        return Box(*ends)
+        return Bounds(*ends)
 
     if response.name.startswith("change"):
         steps = [replace(step, change=nudged(step.change)) for step in motion.steps]
@@ -67,13 +67,13 @@ def optimum(plan, motion, first, last):
     """Distances at all targets of steps first to last - 1, and the objective, solved anew."""
     steps = list(motion.steps[first:last])
     if first in plan.near:
-        anything = Box(-np.full(plan.x.shape[1], np.inf), np.full(plan.x.shape[1], np.inf))
+        anything = Bounds(-np.full(plan.x.shape[1], np.inf), np.full(plan.x.shape[1], np.inf))
         box = allowed(motion, steps[0], plan.near[first])
         steps = [replace(steps[0], box=box, change=anything)]
     before = plan.x[first - 1] if first else np.zeros(plan.x.shape[1])
     window = Window(motion, plan.mesh, steps, before, {}, first, plan.weights)
     start = window.pack(plan.x[first:last], plan.part(first, last))
-    outcome = Optimiser(ipopt=WARM | {"tol": 1e-11}).solve(window, start, "test", "moved")
+    outcome = Optimizer(ipopt=WARM | {"tol": 1e-11}).solve(window, start, "test", "moved")
     assert outcome.converged
     distances = [
         np.linalg.norm(motion.trunk.length * outcome.full[u.points[g.Z][1]] - g.position)
@@ -197,7 +197,7 @@ def test_plans_that_are_no_optimum_have_no_responses(tmp_path):
     assert responses(plan)
     assert responses(replace(plan, converged=False)) == ()
     assert responses(replace(plan, mode="receding")) == ()
-    elsewhere = with_boxes(motion, lambda box: Box(2 * box.lower, box.upper))
+    elsewhere = with_boxes(motion, lambda box: Bounds(2 * box.lower, box.upper))
     assert responses(replace(plan, motion=elsewhere)) == ()
 
 

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from plans import MOTIONS, shipped, written
 
-from trunk_ocp.cli.solve import main
+from trunk_ocp.cli.commands import main
 from trunk_ocp.errors import InputError
 from trunk_ocp.problem.motion import load_motion, problems_folder
 

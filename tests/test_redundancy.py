@@ -14,7 +14,7 @@ from scipy.linalg import null_space
 from scipy.optimize import linprog, lsq_linear
 
 from trunk_ocp.analysis.redundancy import (
-    Need,
+    AblationResult,
     Redundancy,
     can_be_off,
     fewest_muscles,
@@ -29,7 +29,7 @@ from trunk_ocp.analysis.redundancy import (
     redundancy,
 )
 from trunk_ocp.analysis.redundancy.ranges import Freedom
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import redundancy_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import redundancy as figure
@@ -122,8 +122,8 @@ def from_rest(activations):
     return np.diff(np.concatenate([np.zeros((1, activations.shape[1])), activations]), axis=0)
 
 
-def programme(plan, segment, lower, upper):
-    """A segment's linear programme over all steps, written out densely a second time."""
+def nlp(plan, segment, lower, upper):
+    """A segment's linear program over all steps, written out densely a second time."""
     own, H = columns(plan, segment), len(plan.x)
     A = strain_matrix(plan.motion.trunk)[segment][:, own]
     least, most = (bound[:, own].ravel() for bound in changes(plan))
@@ -138,8 +138,8 @@ def programme(plan, segment, lower, upper):
     }
 
 
-def possible(programme):
-    return linprog(np.zeros(len(programme["bounds"])), **programme).status == 0
+def possible(nlp):
+    return linprog(np.zeros(len(nlp["bounds"])), **nlp).status == 0
 
 
 # --- ranges ------------------------------------------------------------------------------
@@ -222,10 +222,10 @@ def test_ranges_contain_the_plan_and_the_joint_ones_are_within_the_others(mode):
     assert np.all(found.joint[..., 1] <= found.alone[..., 1] + 1e-7)
 
 
-def test_the_ends_of_joint_ranges_are_those_of_a_second_programme():
+def test_the_ends_of_joint_ranges_are_those_of_a_second_nlp():
     plan, rng = lift(), np.random.default_rng(0)
     for segment in range(3):
-        one, own = programme(plan, segment, *boxes(plan)), columns(plan, segment)
+        one, own = nlp(plan, segment, *boxes(plan)), columns(plan, segment)
         for k in rng.choice(len(one["bounds"]), 6, replace=False).tolist():
             cost = np.zeros(len(one["bounds"]))
             cost[k] = 1.0
@@ -244,7 +244,7 @@ def walk(plan, count, seed):
     for _ in range(12):  # the mean of many vertices is inside
         z = np.zeros((H, N))
         for segment in range(trunk.segments):
-            one, own = programme(plan, segment, lower, upper), columns(plan, segment)
+            one, own = nlp(plan, segment, lower, upper), columns(plan, segment)
             cost = rng.normal(size=len(one["bounds"]))
             z[:, own] = linprog(cost, **one).x.reshape(H, -1)
         starts.append(z)
@@ -310,7 +310,7 @@ def test_the_table_says_what_its_words_mean():
     for word in ("must work", "free", "can be off", "determined"):
         assert f"{word}: " in str(alone.caption)
     assert "cost without" not in str(alone.caption)
-    need = Need(("R1-dl",), False, "missed", 1.0, 1.0, 2.0, 0.1, 0.1, 0.1)
+    need = AblationResult(("R1-dl",), False, "missed", 1.0, 1.0, 2.0, 0.1, 0.1, 0.1)
     found = Redundancy(lift(), free(), dict.fromkeys(VERSIONS, lift()), (need,))
     caption = str(redundancy_table(found).caption)
     assert "For the task" in caption
@@ -353,7 +353,7 @@ def test_least_effort_has_multipliers():
     z, (lower, upper), (least, most) = least_effort(plan).activations, boxes(plan), changes(plan)
     for segment in range(3):
         own = columns(plan, segment)
-        one = programme(plan, segment, lower, upper)
+        one = nlp(plan, segment, lower, upper)
         n = len(one["bounds"])
         D = np.eye(n) - np.eye(n, k=-len(own))
         change = from_rest(z[:, own]).ravel()
@@ -373,7 +373,7 @@ def test_least_effort_has_multipliers():
 
 @pytest.mark.parametrize("name", ["lift-log", "lift-log-asymmetric"])
 def test_a_horizon_plan_chooses_its_muscles_best_by_its_own_weights(name):
-    """Ipopt on the whole programme and the active-set method on the convex rest agree."""
+    """Ipopt on the whole NLP and the active-set method on the convex rest agree."""
     plan = planned(name, "horizon")
     ours, best = (p.objective.effort + p.objective.rate for p in (plan, least_cost(plan)))
     assert best <= ours * (1 + 1e-9)
@@ -386,8 +386,8 @@ def test_no_segment_has_a_smaller_peak():
     for segment in range(3):
         peak = np.abs(found[:, columns(plan, segment)]).max()
         lower, upper = boxes(plan)
-        assert possible(programme(plan, segment, np.maximum(lower, -peak - 1e-7), upper))
-        assert not possible(programme(plan, segment, np.maximum(lower, -peak + 1e-4), upper))
+        assert possible(nlp(plan, segment, np.maximum(lower, -peak - 1e-7), upper))
+        assert not possible(nlp(plan, segment, np.maximum(lower, -peak + 1e-4), upper))
 
 
 def test_no_smaller_set_of_muscles_does_it():
@@ -398,7 +398,7 @@ def test_no_smaller_set_of_muscles_does_it():
     for off in itertools.combinations(own.tolist(), len(own) - int(works.sum()) + 1):
         tight = lower.copy()
         tight[:, list(off)] = -1e-8
-        assert not possible(programme(plan, segment, tight, upper))
+        assert not possible(nlp(plan, segment, tight, upper))
 
 
 def test_the_fewest_of_two_antagonists_is_one_a_side(lean):
@@ -469,7 +469,7 @@ def test_the_command_writes_ranges_needs_and_a_figure_beside_the_plan(lean, tmp_
     _, plan = lean
     save_plan(plan, tmp_path / "horizon")
     arguments = ["redundancy", str(tmp_path), "--needed"]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(commands.main, arguments)
     assert result.exit_code == 0, result.output
     written = json.loads((tmp_path / "horizon" / "redundancy.json").read_text())
     names = [entry["name"] for entry in written["muscles"]]
@@ -488,7 +488,7 @@ def test_the_command_writes_ranges_needs_and_a_figure_beside_the_plan(lean, tmp_
 
 
 def test_the_command_asks_for_a_plan_first(tmp_path):
-    result = CliRunner().invoke(cli.main, ["redundancy", str(tmp_path)])
+    result = CliRunner().invoke(commands.main, ["redundancy", str(tmp_path)])
     assert result.exit_code == 2
     assert "Plan the motion first" in result.stderr
 

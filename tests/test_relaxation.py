@@ -1,4 +1,4 @@
-"""Bounds that would have to give: amounts known by hand, or by another programme."""
+"""Bounds that would have to give: amounts known by hand, or by another NLP."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from trunk_ocp.analysis.elastic_bounds import (
 from trunk_ocp.model.activation import strain_matrix
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Box, load_motion
+from trunk_ocp.problem.motion import Bounds, load_motion
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
 ROD = (
@@ -121,7 +121,7 @@ def test_an_excess_is_the_cheapest_there_is(tmp_path):
     grid points the price changes by no more than its steepest slope times the spacing.
     """
     motion = shorten(tmp_path, shortest=0.9)
-    box = Box(motion.box.lower, np.append(np.full(2, -0.3), motion.box.upper[2:]))
+    box = Bounds(motion.box.lower, np.append(np.full(2, -0.3), motion.box.upper[2:]))
     motion = replace(motion, box=box, steps=tuple(replace(s, box=box) for s in motion.steps))
     price = sum(e.amount / e.bound.scale for e in contradictions(motion))
     zeta, scale = strain_matrix(motion.trunk)[0, 0], box.upper[:2] - box.lower[:2]

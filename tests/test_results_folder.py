@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
 
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.motion_files import opensim
 from trunk_ocp.motion_files.opensim import MOST, sto_times
 from trunk_ocp.planning.checkpoint import Checkpoint
@@ -22,11 +22,11 @@ NEARBY = TOUCH.replace("[0.6, 0.1, 1.2]", "[0.6, 0.11, 1.2]")
 
 
 def run(*arguments):
-    return CliRunner().invoke(cli.solve, [*map(str, arguments), "--no-figures"])
+    return CliRunner().invoke(commands.solve, [*map(str, arguments), "--no-figures"])
 
 
 def verb(*arguments):
-    return CliRunner().invoke(cli.main, [*map(str, arguments)])
+    return CliRunner().invoke(commands.main, [*map(str, arguments)])
 
 
 @pytest.fixture

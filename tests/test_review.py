@@ -62,8 +62,8 @@ def swapped(tmp_path_factory):
     return written(tmp_path_factory.mktemp("swapped"), a, b, name="swapped")
 
 
-def test_a_window_is_not_solved_by_the_programme_of_another(swapped):
-    """Equal numbers of targets at equal points do not make an equal programme."""
+def test_a_window_is_not_solved_by_the_nlp_of_another(swapped):
+    """Equal numbers of targets at equal points do not make an equal NLP."""
     together = plan_motion(swapped, 1)
     for i, step in enumerate(swapped.steps):
         alone = dataclasses.replace(swapped, steps=(step,), phases=swapped.phases)

@@ -6,7 +6,7 @@ import pytest
 from plans import first_steps, in_equilibrium, shipped
 from scipy.optimize import rosen, rosen_der, rosen_hess
 
-from trunk_ocp.nlp.nlp_builder import Assembly
+from trunk_ocp.nlp.nlp_builder import NLPBuilder
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.rod.collocation import mesh_for
 
@@ -14,9 +14,9 @@ from trunk_ocp.rod.collocation import mesh_for
 ROUND_OFF = 1e-12
 
 
-def derivatives_of(programme, x, p, lam_f, lam_g):
+def derivatives_of(nlp, x, p, lam_f, lam_g):
     """(f, grad f, g, Jacobian, Hessian of lam . (f, g)) by our functions."""
-    functions = programme.derivatives()
+    functions = nlp.derivatives()
     f, gradient = functions["grad_f"](x, p)
     g, jacobian = functions["jac_g"](x, p)
     upper = functions["hess_lag"](x, p, lam_f, lam_g).full()
@@ -25,11 +25,11 @@ def derivatives_of(programme, x, p, lam_f, lam_g):
     return float(f), gradient.full().ravel(), g.full().ravel(), jacobian.full(), hessian
 
 
-def automatic(programme, x, p, lam_f, lam_g):
+def automatic(nlp, x, p, lam_f, lam_g):
     """The same by CasADi's algorithmic differentiation of the whole expression graph."""
-    problem = programme.nlp()
+    problem = nlp.nlp()
     flat = ca.Function("flat", [problem["x"], problem["p"]], [problem["f"], problem["g"]]).expand()
-    X, P = ca.SX.sym("x", programme.size[0]), ca.SX.sym("p", programme.parameters.size)
+    X, P = ca.SX.sym("x", nlp.size[0]), ca.SX.sym("p", nlp.parameters.size)
     F, G = flat(X, P)
     lagrangian = lam_f * F + ca.dot(ca.DM(lam_g), G)
     outputs = [F, ca.gradient(F, X), G, ca.jacobian(G, X), ca.hessian(lagrangian, X)[0]]
@@ -48,7 +48,7 @@ def difference(ours, theirs):
 
 def rosenbrock(count):
     """Rosenbrock's function of `count` variables: one term at count - 1 places."""
-    add = Assembly()
+    add = NLPBuilder()
     x = add.variables(count)
     w, p = ca.SX.sym("w", 2), ca.SX.sym("p", 2)
     phi = ca.Function("phi", [w, p], [p[0] * (w[1] - w[0] ** 2) ** 2 + (p[1] - w[0]) ** 2])
@@ -64,7 +64,7 @@ def rosenbrock(count):
 
 
 def test_a_known_function_has_its_known_derivatives():
-    programme, rng = rosenbrock(6).programme(), np.random.default_rng(1)
+    nlp, rng = rosenbrock(6).nlp(), np.random.default_rng(1)
     x, (lam_f, *lam_g) = rng.normal(size=6), rng.normal(size=3)
     jacobian = np.zeros((2, 6))
     jacobian[0] = np.arange(6)
@@ -75,19 +75,19 @@ def test_a_known_function_has_its_known_derivatives():
     hessian[1, 1] += 3 * lam_g[1] * np.sin(x[1])
     g = [np.arange(6) @ x, x[0] * x[2] - 3 * np.sin(x[1])]
     expected = rosen(x), rosen_der(x), np.array(g), jacobian, hessian
-    ours = derivatives_of(programme, x, programme.parameters, lam_f, lam_g)
+    ours = derivatives_of(nlp, x, nlp.parameters, lam_f, lam_g)
     assert difference(ours, expected) <= ROUND_OFF
 
 
 def test_parameters_are_no_part_of_the_structure():
-    programme, x = rosenbrock(4).programme(), np.array([0.3, -0.2, 0.5, 1.1])
+    nlp, x = rosenbrock(4).nlp(), np.array([0.3, -0.2, 0.5, 1.1])
     doubled = np.tile([200.0, 1.0], 3)
-    f, *_ = derivatives_of(programme, x, doubled, 1.0, np.zeros(2))
+    f, *_ = derivatives_of(nlp, x, doubled, 1.0, np.zeros(2))
     assert f == pytest.approx(2 * rosen(x) - np.sum((1 - x[:-1]) ** 2), rel=ROUND_OFF)
 
 
 def test_only_variables_that_share_a_place_have_second_derivatives():
-    functions = rosenbrock(6).programme().derivatives()
+    functions = rosenbrock(6).nlp().derivatives()
     pattern = functions["hess_lag"].sparsity_out(0)
     pairs = set(zip(*pattern.get_triplet(), strict=True))
     chain = {(i, i) for i in range(6)} | {(i, i + 1) for i in range(5)}
@@ -95,7 +95,7 @@ def test_only_variables_that_share_a_place_have_second_derivatives():
 
 
 def test_bounds_come_back_in_the_order_of_variables_and_rows():
-    add = Assembly()
+    add = NLPBuilder()
     add.variables(2, lower=-1.0, upper=[3.0, 4.0])
     add.variables(1, 2)
     add.rows("a", 2, lower=[1.0, 2.0], upper=5.0)
@@ -133,11 +133,11 @@ def test_derivatives_of_a_window_are_those_of_automatic_differentiation(make):
     w, rng = make(), np.random.default_rng(7)
     x = -0.3 * rng.random((len(w.steps), 30))
     shapes, _ = in_equilibrium(w, x)
-    full = w.pack(x, shapes) + 0.1 * rng.normal(size=w.programme.size[0])
-    lam_f, lam_g = 1.7, rng.normal(size=w.programme.size[1])
-    p = w.programme.parameters
-    ours = derivatives_of(w.programme, full, p, lam_f, lam_g)
-    assert difference(ours, automatic(w.programme, full, p, lam_f, lam_g)) <= ROUND_OFF
+    full = w.pack(x, shapes) + 0.1 * rng.normal(size=w.nlp.size[0])
+    lam_f, lam_g = 1.7, rng.normal(size=w.nlp.size[1])
+    p = w.nlp.parameters
+    ours = derivatives_of(w.nlp, full, p, lam_f, lam_g)
+    assert difference(ours, automatic(w.nlp, full, p, lam_f, lam_g)) <= ROUND_OFF
 
 
 def test_the_wrap_window_does_have_targets_inside_elements():
@@ -146,9 +146,9 @@ def test_the_wrap_window_does_have_targets_inside_elements():
     assert np.any((tau > 0.01) & (tau < 0.99))
 
 
-def test_steps_couple_only_to_their_neighbours():
+def test_steps_couple_only_to_their_neighbors():
     w = window("lift-log", 0, 3)
-    rows, columns = w.programme.derivatives()["hess_lag"].sparsity_out(0).get_triplet()
+    rows, columns = w.nlp.derivatives()["hess_lag"].sparsity_out(0).get_triplet()
     start = [u.x.min() for u in w.unknowns]
     row, column = (np.searchsorted(start, index, side="right") for index in (rows, columns))
     assert np.all(np.abs(column - row) <= 1)

@@ -5,13 +5,13 @@ from click.testing import CliRunner
 from plans import MOTIONS, TOUCH, shipped, written
 
 from trunk_ocp.analysis.multistart import optima
-from trunk_ocp.cli import solve as cli
+from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.nlp import size
-from trunk_ocp.nlp.ipopt import Optimiser
+from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.size import check_size, size_of
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.state import Options, State, first_mesh
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.reporting import Reporter
@@ -21,8 +21,8 @@ from trunk_ocp.reporting import Reporter
 def test_unknowns_and_equations_are_those_of_the_whole_motion(name):
     motion, options, count = shipped(name), Options(), len(shipped(name).steps)
     mesh = first_mesh(motion, options)
-    work = Pass(motion, mesh, "horizon", count, options, Optimiser())
-    unknowns, equations = work.window(0, motion.steps, State()).programme.size
+    work = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
+    unknowns, equations = work.window(0, motion.steps, State()).nlp.size
     told = size_of(motion, mesh, count)
     # By its largest step each; lift-log's first steps have fewer targets than the last.
     assert unknowns == pytest.approx(told.unknowns, rel=0.2)
@@ -59,7 +59,7 @@ def test_a_plan_that_needs_more_memory_than_there_is_is_refused(tmp_path, monkey
     with pytest.raises(InputError, match=r"0\.0 GB that are free here.*--lookahead"):
         plan_motion(load_motion(path))
     arguments = ["solve", str(path), "--out", str(tmp_path / "out"), "--no-figures"]
-    result = CliRunner().invoke(cli.main, arguments)
+    result = CliRunner().invoke(commands.main, arguments)
     assert result.exit_code == 2
     assert "Error: touch: " in result.stderr
 

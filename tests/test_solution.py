@@ -10,7 +10,7 @@ from trunk_ocp.analysis.measures import compare, measure
 from trunk_ocp.cli.tables import step_table
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Box, load_motion
+from trunk_ocp.problem.motion import Bounds, load_motion
 from trunk_ocp.rod.statics import solve_statics
 
 
@@ -129,13 +129,13 @@ def bounded(plan, **boxes):
 
 def over_bounds(plan):
     box = plan.motion.steps[1].box
-    return bounded(plan, box=Box(box.lower, np.minimum(box.upper, plan.x[1] - 1e-5)))
+    return bounded(plan, box=Bounds(box.lower, np.minimum(box.upper, plan.x[1] - 1e-5)))
 
 
 def over_change(plan):
     change = plan.motion.steps[1].change
     upper = np.minimum(change.upper, plan.x[1] - plan.x[0] - 1e-5)
-    return bounded(plan, change=Box(change.lower, upper))
+    return bounded(plan, change=Bounds(change.lower, upper))
 
 
 def over_extension(plan):

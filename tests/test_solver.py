@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_info
 import trunk_ocp as to
 from trunk_ocp._support.blas_threads import one_thread
 from trunk_ocp._support.deferred_signals import deferred_interrupts
-from trunk_ocp.nlp.ipopt import Optimiser, Outcome, Solve
-from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.nlp.ipopt import Optimizer, Outcome, Solve
+from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.state import Options, State
 
 
@@ -123,11 +123,11 @@ def test_multipliers_belong_to_the_point_that_is_returned(plan):
     motion, count = plan.motion, len(plan.motion.steps)
 
     def cut(most: int, newest: bool = False) -> tuple[Outcome, Solve]:
-        optimiser = Optimiser(max_iterations=most)
-        work = Pass(motion, plan.mesh, "horizon", count, Options(), optimiser)
+        optimizer = Optimizer(max_iterations=most)
+        work = PlanningRun(motion, plan.mesh, "horizon", count, Options(), optimizer)
         window = work.window(0, motion.steps, State())
         start = work.packed(window, np.zeros_like(plan.x))
-        return optimiser.solve(window, start, "horizon", "few", newest=newest), optimiser.solves[-1]
+        return optimizer.solve(window, start, "horizon", "few", newest=newest), optimizer.solves[-1]
 
     for most in range(18, 40):
         best, record = cut(most)
@@ -296,7 +296,7 @@ def test_an_unreachable_target_spoils_no_later_replan(motion, plan):
     again(motion.shifted((0.6, 0.0, 0.0)), throw=False)
     for _ in range(2):
         assert again(motion).status is to.Status.SOLVED
-    assert len(again._optimiser.solves) == 1
+    assert len(again._optimizer.solves) == 1
 
 
 # --- plans that are cut short ------------------------------------------------------------

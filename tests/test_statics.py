@@ -104,7 +104,7 @@ def test_a_load_too_far_for_plain_newton_is_reached_in_steps(trunk, monkeypatch)
     assert np.abs(m[0, -1]).max() < 0.1  # of 3 kN m
     np.testing.assert_allclose(
         shape.position([1.75])[0, 0], (0.6720968, 0, 1.6202937), atol=1e-6
-    )  # its neighbour is undisturbed
+    )  # its neighbor is undisturbed
 
 
 def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):

@@ -1,4 +1,4 @@
-"""Plans on disk: nothing is lost, everything is labelled, nothing broken is believed."""
+"""Plans on disk: nothing is lost, everything is labeled, nothing broken is believed."""
 
 import csv
 import json
@@ -130,7 +130,7 @@ def test_the_summary_is_strict_json_even_where_a_number_is_not_finite(plans):
     assert report["seconds"]["solve"] is None
 
 
-def test_the_solution_is_labelled(plans, tmp_path):
+def test_the_solution_is_labeled(plans, tmp_path):
     plan = plans["solved"]
     save_plan(plan, tmp_path)
     with xr.open_dataset(tmp_path / "solution.nc", engine="scipy") as data:

@@ -25,11 +25,11 @@ def test_extension_and_curvature_are_the_integrals_of_eq_6_anywhere_in_the_segme
         bounds = (*muscle.sector, muscle.radii[0] * f, muscle.radii[1] * f)
 
         def axial(R, Theta, weight, power, Z=Z):
-            cos_2_alpha, _ = reference.fibre_angles(trunk, muscle, R, Z)
+            cos_2_alpha, _ = reference.fiber_angles(trunk, muscle, R, Z)
             return 0.5 * (1 - nu + (1 + nu) * cos_2_alpha) * weight(Theta) * R**power
 
         def shear(R, Theta, Z=Z):
-            return 0.5 * reference.fibre_angles(trunk, muscle, R, Z)[1] * R**2
+            return 0.5 * reference.fiber_angles(trunk, muscle, R, Z)[1] * R**2
 
         def over(integrand, *args, bounds=bounds):
             return dblquad(integrand, *bounds, args=args, epsabs=1e-18, epsrel=1e-13)[0]
@@ -43,7 +43,7 @@ def test_extension_and_curvature_are_the_integrals_of_eq_6_anywhere_in_the_segme
             over(shear) / (K1 / (1 + nu)),
         )
         zeta, u = intrinsic_strain(trunk, np.eye(28)[index], np.array([Z]))
-        # cos(pi / 2) of radial fibres leaves 1e-16 where the exact value is 0; and the
+        # cos(pi / 2) of radial fibers leaves 1e-16 where the exact value is 0; and the
         # extension is 1 + something, rounded at 1e-16.
         assert np.array([zeta[0] - 1, *u[0]]) == pytest.approx(expected, rel=ROUND_OFF, abs=2e-15)
 

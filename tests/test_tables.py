@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trunk_ocp.cli.solve import main
+from trunk_ocp.cli.commands import main
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.model.muscle_effects import MEASURES, effects, ranks, signs
 from trust.reference import UNIT_RESPONSES

@@ -1,4 +1,4 @@
-"""A window's programme says what statics, eq. (42) and appendix B say."""
+"""A window's NLP says what statics, eq. (42) and appendix B say."""
 
 from dataclasses import replace
 
@@ -7,9 +7,9 @@ import pytest
 from plans import first_steps, in_equilibrium, planned, shipped
 
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.nlp.ipopt import Optimiser
+from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.window import Weights, Window
-from trunk_ocp.problem.motion import Held
+from trunk_ocp.problem.motion import HeldDirection
 from trunk_ocp.rod.collocation import mesh_for
 from trust import reference
 
@@ -34,18 +34,18 @@ def drawn(count, seed=3):
 
 def values(w, full):
     """Objective and constraints of a window at a vector of unknowns."""
-    functions, p = w.programme.derivatives(), w.programme.parameters
+    functions, p = w.nlp.derivatives(), w.nlp.parameters
     return float(functions["grad_f"](full, p)[0]), functions["jac_g"](full, p)[0].full().ravel()
 
 
 def change_rows(w):
     """Rows of the bounds on change: those that are no equation, or tie x to x."""
-    linear = w.programme.linear[1:].tocsr()
+    linear = w.nlp.linear[1:].tocsr()
     of_x = {int(i) for u in w.unknowns for i in u.x} | {int(i) for i in w.previous}
-    nonlinear = sum(abs(term.scatter[1:]).sum(axis=1).A1 for term in w.programme.terms)
+    nonlinear = sum(abs(term.scatter[1:]).sum(axis=1).A1 for term in w.nlp.terms)
     return [
         i
-        for i in range(w.programme.size[1])
+        for i in range(w.nlp.size[1])
         if nonlinear[i] == 0 and set(linear[i].indices.tolist()) <= of_x
     ]
 
@@ -55,7 +55,7 @@ CASES = {"pick-fruit": 4, "lift-log": 3, "lift-log-asymmetric": 3}
 
 @pytest.mark.parametrize(("name", "steps"), CASES.items())
 def test_equilibria_of_statics_satisfy_the_constraints(name, steps):
-    """Two codes agree: a Newton solver on condensed elements, and the programme's equations."""
+    """Two codes agree: a Newton solver on condensed elements, and the NLP's equations."""
     w = window(name, 0, steps)
     boxes = [step.box for step in w.steps]
     x = np.clip(drawn(steps), [b.lower for b in boxes], [b.upper for b in boxes])
@@ -84,14 +84,14 @@ def test_the_objective_is_eq_42_squared_plus_effort_and_rate(name, steps):
             error = shapes.position(Z)[t, 0] - target.position
             tracking += target.position_weight * error @ error
             goal = target.directions[2]
-            if isinstance(goal, Held):
+            if isinstance(goal, HeldDirection):
                 goal = shapes.directors(tip)[0, 0, 2]
             error = shapes.directors(Z)[t, 0, 2] - goal
             tracking += target.direction_weights[2] * error @ error
     change = np.diff(x, axis=0, prepend=0.0)
     rate = sum((change[t] ** 2).sum() / s.duration for t, s in enumerate(motion.steps))
     expected = tracking + 3e-3 * (x[:, :28] ** 2).sum() + 2e-2 * rate
-    # The programme leaves collocation's |q| - 1 as it is; shapes normalise it (1e-6 at most).
+    # The NLP leaves collocation's |q| - 1 as it is; shapes normalize it (1e-6 at most).
     assert values(w, w.pack(x, shapes))[0] == pytest.approx(expected, rel=1e-5)
 
 
@@ -104,7 +104,7 @@ def test_packing_and_unpacking_is_the_identity_in_si_units():
     forces = [load.tip_force for load in loads]
     np.testing.assert_allclose(w.tip_forces_of(full), forces, rtol=0, atol=1e-9)
     ((held, direction),) = w.directions_of(full).items()
-    assert held == Held(0, 1.75, 2)
+    assert held == HeldDirection(0, 1.75, 2)
     tip = np.array([1.75])
     np.testing.assert_allclose(direction, shapes.directors(tip)[0, 0, 2], atol=1e-12)
     np.testing.assert_allclose(forces[2], 10 * direction, atol=1e-9)  # step 3: 100 N * 2 / 20
@@ -112,7 +112,7 @@ def test_packing_and_unpacking_is_the_identity_in_si_units():
     assert w.worst_error(full) == pytest.approx(worst, rel=1e-12)
 
 
-def test_bounds_on_change_are_rows_of_the_programme():
+def test_bounds_on_change_are_rows_of_the_nlp():
     w = window("lift-log", 1, 3, before=np.full(30, -0.05))
     x = drawn(2)
     shapes, _ = in_equilibrium(w, x)
@@ -126,7 +126,7 @@ def test_bounds_on_change_are_rows_of_the_programme():
 
 def test_a_direction_known_from_before_is_no_unknown():
     direction = np.array([0.6, 0.0, -0.8])
-    w = window("pick-fruit", 2, 4, held={Held(0, 1.75, 2): direction})
+    w = window("pick-fruit", 2, 4, held={HeldDirection(0, 1.75, 2): direction})
     assert w.held == {}
     x = drawn(2)
     shapes, _ = in_equilibrium(w, x)
@@ -138,8 +138,8 @@ def test_windows_of_one_structure_differ_in_numbers_only():
     first, second = window("lift-log", 2, 4), window("lift-log", 3, 5, before=np.full(30, -0.1))
     assert first.structure == second.structure
     assert hash(first.structure) == hash(second.structure)
-    assert (first.programme.linear != second.programme.linear).nnz == 0
-    assert not np.array_equal(first.programme.parameters, second.programme.parameters)
+    assert (first.nlp.linear != second.nlp.linear).nnz == 0
+    assert not np.array_equal(first.nlp.parameters, second.nlp.parameters)
     other = window("lift-log", 0, 2)  # no bounds on change in its first step
     assert other.structure != first.structure
 
@@ -171,7 +171,7 @@ def test_the_optimum_does_not_depend_on_the_mesh():
     for elements, degree in ((3, 6), (12, 8)):
         w = window("lift-log", 0, 1, elements=elements, degree=degree)
         shapes, _ = in_equilibrium(w, x)
-        found.append(Optimiser().solve(w, w.pack(x, shapes), "", ""))
+        found.append(Optimizer().solve(w, w.pack(x, shapes), "", ""))
     assert all(outcome.converged and outcome.infeasibility <= 1e-8 for outcome in found)
     # DESIGN 5: a lean mesh gives lift-log's optimum to 1e-4 of the objective.
     assert found[0].objective == pytest.approx(found[1].objective, rel=2e-4)

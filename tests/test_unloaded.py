@@ -53,7 +53,7 @@ def muscular(taper_deg):
 def test_at_rest_the_trunk_is_a_straight_line_along_the_clamp(trunk):
     Z = np.linspace(0, trunk.length, 7)
     position, _ = unloaded_states(trunk, np.zeros(28), np.zeros(2), Z)
-    # xi_d = 30 degrees from +Z towards +X (eq. 38).
+    # xi_d = 30 degrees from +Z toward +X (eq. 38).
     np.testing.assert_allclose(position, Z[:, None] * [0.5, 0, math.sqrt(0.75)], atol=1e-15)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trust.validation import CASES
-from trust.validation.case import Case, Held
+from trust.validation.case import Case, HeldByTest
 from trust.validation.report import HEAD, UNDER, cells
 
 ROOT = Path(__file__).parent.parent
@@ -51,7 +51,9 @@ def test_no_two_cases_share_a_name():
     assert names.most_common(1)[0][1] == 1
 
 
-@pytest.mark.parametrize("held", [c for c in CASES if isinstance(c, Held)], ids=lambda c: c.name)
+@pytest.mark.parametrize(
+    "held", [c for c in CASES if isinstance(c, HeldByTest)], ids=lambda c: c.name
+)
 def test_what_the_page_says_is_held_by_a_test_is(held):
     file, name = held.test.split("::")
     assert re.search(rf"^def {name}\(", (ROOT / file).read_text(), re.MULTILINE)

@@ -2,7 +2,7 @@
 
 A straight, weightless rod without taper, clamped along +Z, has one longitudinal muscle on either
 side. Contracted alike they shorten it: its tip is at (1 + C gamma) L e_Z. Targets ask for lengths,
-so that planning a motion is a small quadratic programme in one number gamma a step.
+so that planning a motion is a small quadratic program in one number gamma a step.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from trunk_ocp.model.activation import strain_matrix
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.problem.motion import Box, Motion, Phase, Step
+from trunk_ocp.problem.motion import Bounds, Motion, Phase, Step
 from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.problem.targets import Target
 
@@ -55,8 +55,10 @@ def shortening(wanted, duration=1.0, most=np.inf):
     `duration` of a step in s, or one for each.
     """
     durations = np.broadcast_to(duration, len(wanted))
-    box = Box(np.array([-1.0, -1.0, 0.0, 0.0]), np.zeros(4))
-    change = Box(np.array([-most, -most, -np.inf, -np.inf]), np.array([most, most, np.inf, np.inf]))
+    box = Bounds(np.array([-1.0, -1.0, 0.0, 0.0]), np.zeros(4))
+    change = Bounds(
+        np.array([-most, -most, -np.inf, -np.inf]), np.array([most, most, np.inf, np.inf])
+    )
     steps = [
         step(float(time), float(span), (0.0, 0.0, 1.0 + C * gamma), box, change)
         for time, span, gamma in zip(np.cumsum(durations), durations, wanted, strict=True)
@@ -67,8 +69,8 @@ def shortening(wanted, duration=1.0, most=np.inf):
 def pointing(tip, duration=1.0):
     """One step that takes the tip to a place, by the head alone: psi_Z within 4 rad, psi_Y pi/2."""
     most = np.array([0.0, 0.0, 4.0, np.pi / 2])
-    free = Box(np.full(4, -np.inf), np.full(4, np.inf))
-    return motion([step(duration, duration, tip, Box(-most, most), free)])
+    free = Bounds(np.full(4, -np.inf), np.full(4, np.inf))
+    return motion([step(duration, duration, tip, Bounds(-most, most), free)])
 
 
 def step(time, duration, tip, box, change):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a plan stands after one iteration of the optimiser.
+    """Where a plan stands after one iteration of the optimizer.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Reporter:
     stop: bool = False
 
     def iteration(self, progress: Progress) -> None:
-        """Called after every iteration of the optimiser."""
+        """Called after every iteration of the optimizer."""
 
     def note(self, text: str) -> None:
         """Called with one sentence when something worth knowing happens."""

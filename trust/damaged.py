@@ -35,7 +35,7 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.planning_run import Pass
+from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan
 from trunk_ocp.problem.motion import Motion, load_motion
 
@@ -78,7 +78,7 @@ class Originals:
 class _Once(Checkpoint):
     """Keeps what the first window has decided, and nothing after it."""
 
-    def save(self, work: Pass, previous: np.ndarray) -> None:
+    def save(self, work: PlanningRun, previous: np.ndarray) -> None:
         if not self.path.exists():
             super().save(work, previous)
 

@@ -28,7 +28,7 @@ import xarray as xr
 
 from trunk_ocp.planning.checkpoint import FILE
 
-COMMAND = [sys.executable, "-c", "from trunk_ocp.cli.solve import solve; solve()"]
+COMMAND = [sys.executable, "-c", "from trunk_ocp.cli.commands import solve; solve()"]
 PROBLEMS = ("lift-log", "lift-log-asymmetric", "pick-fruit")
 MODES = (("--mode", "sequential"), ("--mode", "horizon"), ("--mode", "both"), ("--lookahead", "3"))
 KINDS = ("kill", "kill", "kill", "interrupt", "two interrupts", "no room")  # kill most often

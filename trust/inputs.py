@@ -341,7 +341,7 @@ position = [0.6, 0.1, 1.2]
 
 @cache
 def saved() -> tuple[Any, bytes]:
-    """A plan as labelled arrays, and as the bytes of its file."""
+    """A plan as labeled arrays, and as the bytes of its file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "saved.toml"
         path.write_text(SAVED)

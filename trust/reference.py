@@ -15,7 +15,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 
-def fibre_angles(trunk, muscle, R, Z):
+def fiber_angles(trunk, muscle, R, Z):
     """(cos 2 alpha, cos beta sin 2 alpha) by eqs. (10), (19)-(22), (27), (29)."""
     taper = 1 - Z * trunk.tan_taper / trunk.base_radius
     phi = math.atan(R / (trunk.base_radius * taper) * trunk.tan_taper)
@@ -44,10 +44,10 @@ def strain_matrix(trunk):
     for column, muscle in enumerate(trunk.subdomains):
 
         def axial(R, power, muscle=muscle):
-            return 0.5 * (1 - nu + (1 + nu) * fibre_angles(trunk, muscle, R, 0.0)[0]) * R**power
+            return 0.5 * (1 - nu + (1 + nu) * fiber_angles(trunk, muscle, R, 0.0)[0]) * R**power
 
         def shear(R, muscle=muscle):
-            return 0.5 * fibre_angles(trunk, muscle, R, 0.0)[1] * R**2
+            return 0.5 * fiber_angles(trunk, muscle, R, 0.0)[1] * R**2
 
         first, second = muscle.sector
         d0, d1 = (quad(axial, *muscle.radii, args=(n,), epsabs=0, epsrel=1e-13)[0] for n in (1, 2))

@@ -78,7 +78,7 @@ The text of a status is what the command prints; `plan_motion`, `load_plan` and 
 ## What this does not show
 
 Plans are local optima; that a target is called out of reach is not a proof. Contact with the head,
-the log or the trunk itself is not modelled. Stability excludes static buckling, not flutter, where
+the log or the trunk itself is not modeled. Stability excludes static buckling, not flutter, where
 a couple acts. The same bits are promised on one machine with one set of versions. One person's
 machine tried all this.
 """

@@ -3,7 +3,7 @@
 At an optimum the active bounds and the multipliers determine how all unknowns follow a small
 change of one bound: the linear system of the Karush-Kuhn-Tucker conditions with the active set
 kept (Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, 1983,
-chapter 3). The answer is told in millimetres at the targets rather than as a multiplier.
+chapter 3). The answer is told in millimeters at the targets rather than as a multiplier.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ..nlp.ipopt import WARM, Optimiser, Outcome
+from ..nlp.ipopt import WARM, Optimizer, Outcome
 from ..nlp.window import Window
 from ..planning.plan import Plan
-from ..problem.motion import Box, allowed
+from ..problem.motion import Bounds, allowed
 
 PART = 0.01  # by which a bound is moved: 1 %; one of 0 by 0.01, or 0.01 rad
 SHARP = WARM | {"tol": 1e-9, "compl_inf_tol": 1e-13}
@@ -70,26 +70,26 @@ def responses(plan: Plan) -> tuple[Response, ...]:
     """
     if not plan.converged or plan.mode == "receding" or len(plan.x) < len(plan.motion.steps):
         return ()
-    optimiser = Optimiser(ipopt=SHARP)
+    optimizer = Optimizer(ipopt=SHARP)
     found: list[Response] = []
     for window, first, last in _windows(plan):
         start = window.pack(plan.x[first:last], plan.part(first, last))
-        outcome = optimiser.solve(window, start, "sensitivity", "multipliers")
-        given = optimiser.evaluate(window, start).objective
+        outcome = optimizer.solve(window, start, "sensitivity", "multipliers")
+        given = optimizer.evaluate(window, start).objective
         same = abs(outcome.objective - given) <= SAME * abs(given)
         if outcome.converged and same:
-            found += _responses(window, outcome, optimiser)
+            found += _responses(window, outcome, optimizer)
     return tuple(sorted(found, key=lambda response: response.objective))
 
 
 def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
-    """The programmes whose optimum a plan is, with their first and last steps."""
+    """The NLPs whose optimum a plan is, with their first and last steps."""
     motion, count = plan.motion, len(plan.x)
     nothing = np.zeros(plan.x.shape[1])
     if plan.mode == "horizon":
         yield Window(motion, plan.mesh, motion.steps, nothing, {}, 0, plan.weights), 0, count
         return
-    anything = Box(nothing - np.inf, nothing + np.inf)
+    anything = Bounds(nothing - np.inf, nothing + np.inf)
     held = {d: plan.shape.directors(np.array([d.Z]))[d.step, 0, d.director] for d in motion.held}
     for t, step in enumerate(motion.steps):
         if t in plan.near and step.follows:
@@ -104,7 +104,7 @@ class _Move:
     """A bound to be moved outwards where it binds.
 
     `places` are unknowns, or constraints if `in_rows`, `shifts` what is added to their bounds in
-    the programme's units, `scale` leads from these to the unit of `value`.
+    the NLP's units, `scale` leads from these to the unit of `value`.
     """
 
     name: str
@@ -116,9 +116,9 @@ class _Move:
     shifts: list[float] = field(default_factory=list)
 
 
-def _responses(window: Window, outcome: Outcome, optimiser: Optimiser) -> list[Response]:
+def _responses(window: Window, outcome: Outcome, optimizer: Optimizer) -> list[Response]:
     """Responses of one window at its optimum."""
-    point = optimiser.derivatives(window, outcome)
+    point = optimizer.derivatives(window, outcome)
     x, bounds = outcome.full, window.bounds
     fixed = bounds["lbx"] == bounds["ubx"]  # of these Ipopt has no multiplier
     pull = -(point.gradient + point.jacobian.T @ point.lam_g)

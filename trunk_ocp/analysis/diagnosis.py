@@ -45,7 +45,7 @@ MEANINGS = {
     "Search_Direction_Becomes_Too_Small": "steps became too small to get any further",
     "Diverging_Iterates": "the unknowns grew without bound",
 }
-"""What the optimiser's words for a failure mean."""
+"""What the optimizer's words for a failure mean."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Every bound that a problem file states - on the activation of a muscle, a head angle, the
 extension of a segment, the change between time steps - may be exceeded at a price. Where the
-bounds contradict each other, the cheapest excess that reconciles them is a linear programme; where
+bounds contradict each other, the cheapest excess that reconciles them is a linear program; where
 they keep the trunk from its targets, it is the window of all time steps once more, with targets
 as constraints. A price per unit (an l1 penalty) leaves all bounds alone that need not give.
 """
@@ -18,19 +18,19 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from ..model.activation import strain_matrix
-from ..nlp.ipopt import IPOPT, Optimiser
+from ..nlp.ipopt import IPOPT, Optimizer
 from ..nlp.point_functions import weighted
 from ..nlp.window import Weights, Window
 from ..planning.plan import Plan
-from ..problem.motion import Box, Motion
+from ..problem.motion import Bounds, Motion
 from ..reporting import Reporter
 from ..rod.collocation import Mesh
 
 PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
 ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
 CHANGE = "change of activation of "  # in the name of a bound
-SMALLEST = 1e-3  # share of the range, below which an excess is the optimiser's inaccuracy
-EXACT = 1e-6  # the same for the linear programme
+SMALLEST = 1e-3  # share of the range, below which an excess is the optimizer's inaccuracy
+EXACT = 1e-6  # the same for the linear program
 ITERATIONS = 200
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
@@ -161,9 +161,9 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     optimum, like every plan. None if no such motion was found within what is `PHYSICAL`.
     """
     window = ElasticWindow(plan.motion, plan.mesh)
-    optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
     start = window.pack(plan.x, plan.shape)
-    outcome = optimiser.solve(window, start, "relaxation", "what would have to give")
+    outcome = optimizer.solve(window, start, "relaxation", "what would have to give")
     if not outcome.converged:
         return None
     return _told(window.elastic, outcome.full[window.excess], SMALLEST)
@@ -176,7 +176,7 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
     """
     motion = plan.motion
     n = len(motion.trunk.muscles) + 2
-    loose = Box(np.full(n, -np.inf), np.full(n, np.inf))
+    loose = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
     lower, upper = (np.array(side) for side in zip(*_physical(motion), strict=True))
     low, high = LONGEST
     widest = (min(motion.extension[0], low), max(motion.extension[1], high))
@@ -186,15 +186,15 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
         replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
         plan.weights,
     )  # fmt: skip
-    optimiser = Optimiser("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
     start = window.pack(plan.x, plan.shape)
-    outcome = optimiser.solve(window, start, "relaxation", "how near the targets are")
+    outcome = optimizer.solve(window, start, "relaxation", "how near the targets are")
     return window.worst_error(outcome.full) if outcome.converged else None
 
 
-def _loosened(box: Box, lower: np.ndarray, upper: np.ndarray) -> Box:
+def _loosened(box: Bounds, lower: np.ndarray, upper: np.ndarray) -> Bounds:
     """A box of unknowns widened to physical limits; an upper bound of 0 stays: no muscle pushes."""
-    return Box(np.minimum(box.lower, lower), np.maximum(box.upper, upper))
+    return Bounds(np.minimum(box.lower, lower), np.maximum(box.upper, upper))
 
 
 def _physical(motion: Motion) -> list[tuple[float, float]]:
@@ -318,7 +318,7 @@ class ElasticWindow(Window):
 
     def __init__(self, motion: Motion, mesh: Mesh) -> None:
         n = len(motion.trunk.muscles) + 2
-        loose = Box(np.full(n, -np.inf), np.full(n, np.inf))
+        loose = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
         steps = [replace(step, box=loose, change=loose) for step in motion.steps]
         without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
         super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())

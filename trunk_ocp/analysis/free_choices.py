@@ -18,7 +18,7 @@ from ..planning.plan import Plan, Status
 from ..planning.planner import plan_from
 from ..planning.state import Options
 from ..problem.mirror import is_symmetric, mirrored_unknowns
-from ..problem.motion import Box, Motion
+from ..problem.motion import Bounds, Motion
 from ..reporting import Reporter
 
 LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
@@ -99,19 +99,19 @@ def _held(motion: Motion, angle: int) -> Motion:
     """
     at = len(motion.trunk.muscles) + angle
 
-    def held(box: Box) -> Box:
+    def held(box: Bounds) -> Bounds:
         lower, upper = box.lower.copy(), box.upper.copy()
         if not lower[at] <= 0 <= upper[at]:
             raise InputError(f"head_{AXES[angle]}_deg: may not be 0.")
         lower[at] = upper[at] = 0.0
-        return Box(lower, upper)
+        return Bounds(lower, upper)
 
     steps = (replace(s, box=held(s.box), change=_free(s.change, at)) for s in motion.steps)
     return replace(motion, steps=tuple(steps), box=held(motion.box))
 
 
-def _free(change: Box, at: int) -> Box:
+def _free(change: Bounds, at: int) -> Bounds:
     """Bounds on change without those of one unknown, which does not change."""
     lower, upper = change.lower.copy(), change.upper.copy()
     lower[at], upper[at] = -np.inf, np.inf
-    return Box(lower, upper)
+    return Bounds(lower, upper)

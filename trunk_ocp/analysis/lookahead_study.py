@@ -1,6 +1,6 @@
 """What foresight is worth: one motion planned with every lookahead, under equal bounds.
 
-The paper doubts its own result: activations reorganise abruptly in mid-motion, and that may only
+The paper doubts its own result: activations reorganize abruptly in mid-motion, and that may only
 come from solving each time step blind to the next. Three things set its way of planning apart
 from a horizon, and each is undone on its own here: nothing but tracking counts (so the activations
 are whatever the solver ends at), steps stay near solutions without loads (appendix B), and no
@@ -32,7 +32,7 @@ TRACKING_ONLY = Weights(effort=1e-7, rate=0.0)
 """The paper's cost, made well-posed.
 
 By tracking alone 16 of the elephant's 28 directions of activation count for nothing, and a plan is
-wherever the optimiser happens to stop. This is about the least effort that Ipopt still sees: its
+wherever the optimizer happens to stop. This is about the least effort that Ipopt still sees: its
 slope at gamma = -3 is 6e-7, and Ipopt stops where slopes are below 1e-8.
 """
 SHARE = 0.01

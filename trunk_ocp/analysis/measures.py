@@ -16,7 +16,7 @@ REVERSAL = 0.1
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "status": ("", "how the plan ended, as in summary.json"),
-    "planner_objective": ("", "what a planner minimises: tracking + effort + rate, weighted"),
+    "planner_objective": ("", "what a planner minimizes: tracking + effort + rate, weighted"),
     "paper_objective": ("", "J of eq. (42), distances not squared, summed over time steps"),
     "tracking": ("", "weighted squared distances of all targets, summed over time steps"),
     "worst_position_error": ("m", "largest distance to a target"),
@@ -53,7 +53,7 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "largest excess over the bounds on change between consecutive steps; a sequential plan "
         "that follows auxiliary solutions may have one",
     ),
-    "iterations": ("", "of the optimiser, those of the plan it starts from included"),
+    "iterations": ("", "of the optimizer, those of the plan it starts from included"),
     "seconds": ("s", "wall time of the plan, the plan it starts from included"),
 }
 """Unit and meaning of each measure; "" where there is no unit."""

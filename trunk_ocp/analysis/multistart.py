@@ -1,4 +1,4 @@
-"""How many local optima a motion has: the same programme solved from many starts.
+"""How many local optima a motion has: the same nlp solved from many starts.
 
 A start is a whole motion of activations and head angles: the plan as it is reported, its mirror
 image, the passive trunk, and random ones, which move straight from one random posture to another.

@@ -6,6 +6,8 @@ Imports little, so that help is there at once; what a command does is imported w
 from __future__ import annotations
 
 import json
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ from .stdout import standard_output
     type=click.Choice(["horizon", "sequential", "both"]),
     default="horizon",
     show_default=True,
-    help="Plan all time steps as one programme, one step after the other, or both ways.",
+    help="Plan all time steps as one NLP, one step after the other, or both ways.",
 )
 @click.option(
     "--lookahead",
@@ -73,7 +75,18 @@ def solve(**options: Any) -> None:
     """
     from .solve import run_solve
 
-    run_solve(**options)
+    run_solve(**options, resume_with=resume_command(click.get_current_context().params))
+
+
+def resume_command(given: Mapping[str, Any]) -> str:
+    """`solve-motion` with the arguments and options of an earlier run, as saved, and --resume."""
+    words = ["solve-motion", str(given.get("problem", "PROBLEM"))]
+    for option in solve.params:
+        value, name = given.get(str(option.name)), option.opts[0]
+        usual = value in (None, False, option.default)
+        if name.startswith("--") and name != "--resume" and not usual:
+            words += [name] if value is True else [name, str(value)]
+    return shlex.join([*words, "--resume"])
 
 
 @click.group(

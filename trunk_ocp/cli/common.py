@@ -64,10 +64,10 @@ def tell(console: Console, text: str) -> None:
 
 
 def verdict(console: Console, plan: Plan) -> None:
-    """How a plan ended, in colour, and its notes."""
-    colour = "green" if plan.status is Status.SOLVED else "yellow"
+    """How a plan ended, in color, and its notes."""
+    color = "green" if plan.status is Status.SOLVED else "yellow"
     planned, steps = len(plan.x), len(plan.motion.steps)
     part = "" if planned == steps else f" ({planned} of {steps} time steps)"
-    console.print(f"[{colour}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
+    console.print(f"[{color}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
     for sentence in plan.notes:
         tell(console, f"  {sentence}")

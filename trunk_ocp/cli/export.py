@@ -37,7 +37,7 @@ def _points(
     type=click.Choice(["shape", "jacobian", "constraints"]),
     default="jacobian",
     show_default=True,
-    help="Shapes; shapes with first derivatives; the motion programme's own functions.",
+    help="Shapes; shapes with first derivatives; the motion NLP's own functions.",
 )
 @click.option(
     "--at", metavar="Z,Z,...", callback=_points, help="Points along the trunk in m.  [the tip]"

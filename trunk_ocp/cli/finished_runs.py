@@ -17,8 +17,8 @@ from ..errors import InputError
 from ..planning.plan import Plan, Status
 from ..planning.results_folder import hashes
 from ..planning.storage import SOLUTION, finite
+from .commands import resume_command
 from .common import clean_errors, finished, tell, verdict
-from .resuming import resume_command
 from .tables import findings, history_table
 
 RELAXED = "If a bound were relaxed by 1 % (one of 0: as given), all else planned anew around it:"

@@ -30,7 +30,6 @@ from ..reporting import Reporter
 from .common import tell, verdict
 from .ending import optional, warn
 from .interrupts import INTERRUPTED, Interrupts
-from .resuming import resume_command
 from .stdout import standard_output
 from .tables import Screen, comparison_table, findings, rank_table, sign_table, step_table
 
@@ -48,6 +47,7 @@ def run_solve(
     film: bool,
     quiet: bool,
     as_json: bool,
+    resume_with: str,
 ) -> None:
     """Plan a motion, show and save what came of it, and end with its exit code."""
     context = click.get_current_context()
@@ -57,7 +57,7 @@ def run_solve(
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
     command = json.loads(json.dumps(context.params, default=str))
-    with _interrupts(f"Resume with: {resume_command(command)}") as interrupts:
+    with _interrupts(f"Resume with: {resume_with}") as interrupts:
         motion = load_motion(problem)
         for warning in motion.warnings:
             click.echo(f"warning: {warning}", err=True)
@@ -92,7 +92,7 @@ def run_solve(
         if earlier is not None:
             tell(console, f"What was made from earlier plans is now in {earlier}/")
         if not finished:
-            tell(console, f"Resume with: {resume_command(command)}")
+            tell(console, f"Resume with: {resume_with}")
         tell(console, f"Results are in {folder}/")
         for plan in plans if quiet else []:
             if plan.status is not Status.SOLVED:

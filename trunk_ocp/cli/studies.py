@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from .._support.atomic_files import write
 from ..analysis.lookahead_study import foresight, front, survey
 from ..analysis.multistart import optima
-from ..analysis.redundancy import Need, needed, redundancy, report
+from ..analysis.redundancy import AblationResult, needed, redundancy, report
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
@@ -70,12 +70,12 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
         tell(console, f"Results are in {place}/")
 
 
-def _needs(plan: Plan, console: Console) -> tuple[Need, ...]:
+def _needs(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
     """What a motion is like without each muscle, with a line that says how far this is."""
     reporter, interrupts = Reporter(), Interrupts.current or Interrupts()
     with console.status("planning without each muscle") as line, interrupts.patience(reporter):
 
-        def show(done: int, total: int, need: Need) -> None:
+        def show(done: int, total: int, need: AblationResult) -> None:
             line.update(f"planning without each muscle: {done} of {total}")
 
         return needed(plan, progress=show, reporter=reporter)

@@ -170,9 +170,9 @@ def history_table(diagnosis: Diagnosis) -> Table:
 
 def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
     """The findings of a diagnosis as lines; `brief` leaves the long tail to `trunk-ocp explain`."""
-    colours = {"failure": "red", "warning": "yellow", "note": "cyan"}
+    colors = {"failure": "red", "warning": "yellow", "note": "cyan"}
     for finding in diagnosis.findings:
-        head = f"[{colours[finding.level]}]{finding.level}[/]: {escape(finding.what)}"
+        head = f"[{colors[finding.level]}]{finding.level}[/]: {escape(finding.what)}"
         if brief and finding.level != "failure":
             yield f"{head}: {escape('; '.join(finding.details))}"
             continue
@@ -185,7 +185,7 @@ def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
             yield f"  [bold]{escape(finding.advice)}[/]"
 
 
-MILLIMETRES = ("worst_position_error", "mean_position_error")
+MILLIMETERS = ("worst_position_error", "mean_position_error")
 
 
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
@@ -196,11 +196,11 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
         table.add_column(mode, justify="right")
     table.add_column("unit")
     for name in next(iter(figures.values())):
-        millimetres = name in MILLIMETRES
-        unit = "mm" if millimetres else DEFINITIONS[name][0]
+        millimeters = name in MILLIMETERS
+        unit = "mm" if millimeters else DEFINITIONS[name][0]
         values = (plan[name] for plan in figures.values())
         cells = (
-            value if isinstance(value, str) else f"{1e3 * value if millimetres else value:.5g}"
+            value if isinstance(value, str) else f"{1e3 * value if millimeters else value:.5g}"
             for value in values
         )
         table.add_row(name.replace("_", " "), *cells, unit)

@@ -26,8 +26,8 @@ def kind(trunk: Trunk, muscle: Muscle) -> str:
     return "steep" if h > k else "gentle" if h < k else "even"
 
 
-def fibre(kind: str) -> list[Formula]:
-    """Products of the fibre direction D that eq. (6) needs, as functions of R at Z = 0."""
+def fiber(kind: str) -> list[Formula]:
+    """Products of the fiber direction D that eq. (6) needs, as functions of R at Z = 0."""
     R, k, h = names("R k h")
     with sp.evaluate(False):
         tapered, wound = 1 + k**2 * R**2, 1 + h**2 * R**2
@@ -49,8 +49,8 @@ def radial_factors(kind: str) -> list[Formula]:
     """
     return {
         "radial": _radial,
-        "straight": _straight_fibres,
-        "tapered": _tapered_fibres,
+        "straight": _straight_fibers,
+        "tapered": _tapered_fibers,
         "helix": _helix,
         "steep": _steep_helix,
         "gentle": _gentle_helix,
@@ -79,7 +79,7 @@ def _radial() -> list[Formula]:
     return _deltas(delta_0, delta_1, sp.Integer(0))
 
 
-def _straight_fibres() -> list[Formula]:
+def _straight_fibers() -> list[Formula]:
     R_1, R_2 = names("R_1 R_2")
     with sp.evaluate(False):
         delta_0, delta_1 = (R_2**2 - R_1**2) / 2, (R_2**3 - R_1**3) / 3
@@ -97,7 +97,7 @@ def _of_one_rate(rate: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
     return even, first
 
 
-def _tapered_fibres() -> list[Formula]:
+def _tapered_fibers() -> list[Formula]:
     return _factors(*_of_one_rate(names("k")[0]), sp.Integer(0))
 
 

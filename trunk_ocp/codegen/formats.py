@@ -47,8 +47,8 @@ class Format:
 
     def write(self, request: Request) -> Files:
         """The files of an export, without its check files."""
-        part = "programme" if request.what == "constraints" else self.module
-        name = f"programme_{self.name}" if request.what == "constraints" else self.name
+        part = "nlp_export" if request.what == "constraints" else self.module
+        name = f"nlp_{self.name}" if request.what == "constraints" else self.name
         files: Files = getattr(import_module(f".{part}", __package__), f"write_{name}")(request)
         return files
 
@@ -60,8 +60,8 @@ class Format:
         CheckError, ToolMissingError
             If they disagree; if a tool is missing.
         """
-        part = "programme" if what == "constraints" else self.module
-        name = f"programme_{self.name}" if what == "constraints" else self.name
+        part = "nlp_export" if what == "constraints" else self.module
+        name = f"nlp_{self.name}" if what == "constraints" else self.name
         check: Callable[[Path], str] = getattr(
             import_module(f".{part}", __package__), f"check_{name}"
         )
@@ -112,7 +112,7 @@ def export(
     out : path
         Folder for the files; made if need be.
     what : "shape", "jacobian" or "constraints"
-        Shapes; shapes and first derivatives; the motion programme's own functions.
+        Shapes; shapes and first derivatives; the motion NLP's own functions.
     at : sequence of float
         Points Z in m. Default: the tip.
     second : bool

@@ -36,26 +36,26 @@ _UNITS = {
     "c_2_gamma": "m^{-1}",
     "c_3_gamma": "m^{-1}",
 }
-_FIBRE = {
-    "radial": "Radial fibres stay across the axis in spite of the taper (eq.~(19)); their direction"
+_FIBER = {
+    "radial": "Radial fibers stay across the axis in spite of the taper (eq.~(19)); their direction"
     r" $\mathbf{D}$ enters eq.~(6) by",
-    "straight": r"Without taper the fibre direction $\mathbf{D}$ of eq.~(9) enters eq.~(6) by",
-    "tapered": r"The fibre direction $\mathbf{D}$ follows the taper, $\tan\phi=kR$ (eq.~(22)), and"
+    "straight": r"Without taper the fiber direction $\mathbf{D}$ of eq.~(9) enters eq.~(6) by",
+    "tapered": r"The fiber direction $\mathbf{D}$ follows the taper, $\tan\phi=kR$ (eq.~(22)), and"
     " enters eq.~(6) by",
-    "helix": r"The helix has $\tan\tilde{\alpha}=hR$ (eq.~(21)), and the fibre direction"
+    "helix": r"The helix has $\tan\tilde{\alpha}=hR$ (eq.~(21)), and the fiber direction"
     r" $\mathbf{D}$ of eq.~(9) enters eq.~(6) by",
 }
-_FIBRE |= dict.fromkeys(
+_FIBER |= dict.fromkeys(
     ("steep", "gentle", "even"),
     r"The helix has $\tan\tilde{\alpha}=hR$ (eq.~(21)) and the taper $\tan\phi=kR$ (eq.~(22)), so"
-    r" that the fibre direction $\mathbf{D}$ of eq.~(9) enters eq.~(6) by",
+    r" that the fiber direction $\mathbf{D}$ of eq.~(9) enters eq.~(6) by",
 )
 _HELIX = (
     r"Here $h=c_{\tilde{\alpha}}$ of eq.~(A.4); it and $\delta_3$ change sign with the hand of the"
     " helix."
 )
 _REMARK = {
-    "radial": r"Radial fibres bend and lengthen the trunk by way of $\nu$ alone.",
+    "radial": r"Radial fibers bend and lengthen the trunk by way of $\nu$ alone.",
     "steep": r"The helix is steeper than the taper, $|h|>k$, so that $A=\sqrt{k^2-h^2}=iq$ of"
     rf" eq.~(A.4) is imaginary; this is its $\delta_3$ in real form. {_HELIX}",
     "gentle": _HELIX,
@@ -123,8 +123,8 @@ def latex_page(trunk: Trunk, muscle: Muscle) -> str:
     along = {formula.name: formula for formula in forms.stretched(tapered)}
     v, a, v_gamma, a_gamma = forms.axis()
     words = _words(trunk, muscle) | {
-        "fibre": _FIBRE[kind],
-        "products": _gather([forms.fibre(kind)]),
+        "fiber": _FIBER[kind],
+        "products": _gather([forms.fiber(kind)]),
         "factors": _lines(factors),
         "parts": _parts(parts),
         "remark": f"{_REMARK[kind]}\n" if kind in _REMARK else "",

@@ -2,7 +2,7 @@
 
 Vectors are symbols that do not commute, so that they print behind their factors; `a_x_e3` is the
 vector product of `a` and `e_3`. Terms print in the order in which they were written, because a
-reader has to recognise them: formulas are made without evaluation.
+reader has to recognize them: formulas are made without evaluation.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ loaded.casadi loaded_jacobian.casadi loaded_second.casadi
 unloaded.casadi unloaded_jacobian.casadi
 trunk_formulas.py trunk_formulas.tex check_formulas.py check_formulas.csv
 nlp.casadi nlp_grad_f.casadi nlp_jac_g.casadi nlp_hess_l.casadi solve.py
-programme.c programme.h programme_data.c programme_mex.c programme.m programme_example.m
-layout.json unknowns.csv rows.csv parameters.csv programme_check.csv
+nlp.c nlp.h nlp_data.c nlp_mex.c nlp.m nlp_example.m
+layout.json unknowns.csv rows.csv parameters.csv nlp_check.csv
 """
 NAMES = frozenset(_NAMES.split())
 """Every file that an export may consist of, besides `MANIFEST`."""

@@ -16,7 +16,7 @@ class Request:
     Attributes
     ----------
     what : "shape", "jacobian" (the shape and its first derivatives) or "constraints"
-        The last is the motion programme's own functions, and needs a motion.
+        The last is the motion NLP's own functions, and needs a motion.
     second : bool
         Whether a Jacobian comes with its derivative along a direction.
     single : bool

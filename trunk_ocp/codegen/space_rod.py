@@ -29,7 +29,7 @@ MOMENTS = 2 * TERMS + 1
 
 @cache
 def rates() -> ca.Function:
-    """Right-hand side (w, p) -> (q', M', r'), per metre of Z.
+    """Right-hand side (w, p) -> (q', M', r'), per meter of Z.
 
     w (18): q (4), M (3) in N m; zeta_hat, c (3) in 1/m, mean extension; N (3) in N, l (3) in N.
     p (5): f(Z); K_0, K_1, K_2, K_3 of the initial shape.
@@ -48,7 +48,7 @@ def rates() -> ca.Function:
 def report() -> ca.Function:
     """What is told of a section: (w, p) -> d_1, d_2, d_3 (9); zeta, u (4); m (3) in the directors.
 
-    w (15) and p (5) as the first ones of `rates`. The directors are normalised.
+    w (15) and p (5) as the first ones of `rates`. The directors are normalized.
     """
     w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 5)
     d, zeta, u = _strains(w, p)

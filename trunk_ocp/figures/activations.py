@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from ..planning.active_bounds import limits, touching
 from ..planning.plan import Plan
 from ..problem.motion import HEAD_LIMIT, Motion
-from ..scene.colors import group_colours, groups
+from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
 
@@ -26,7 +26,7 @@ def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[P
     """Draw activations (no unit) and head angles (deg) over time (figs. 4d-e, 6c-d, 8e-f).
 
     Rows are muscle groups, columns segments; right solid, left dotted; contraction upwards.
-    Grey steps are the motion's bounds, dots its time steps, squares those at a bound: filled at
+    Gray steps are the motion's bounds, dots its time steps, squares those at a bound: filled at
     full contraction, small and empty at the other. Head angles without bounds have none drawn.
     """
     with style.styled():
@@ -66,9 +66,9 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
             style.say_if_none(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 line = style.SIDES[muscle.side][1]
-                colour = group_colours(trunk)[group]
-                axes.plot(times, values[:, index], line, color=colour, zorder=3, gid=muscle.name)
-                _steps(axes, plan, index, colour, values[0, index])
+                color = group_colors(trunk)[group]
+                axes.plot(times, values[:, index], line, color=color, zorder=3, gid=muscle.name)
+                _steps(axes, plan, index, color, values[0, index])
         panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)", color=style.INK)
     if panels.size:
         lower, upper = _range(plan)
@@ -94,7 +94,7 @@ def _range(plan: Plan) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _steps(axes: Axes, plan: Plan, index: int, colour: str, start: float) -> None:
+def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None:
     """Time steps as dots, those at a bound as squares: full at the lower, empty at the upper.
 
     The lower bound is that of contraction; the upper is mostly rest, and no news.
@@ -103,15 +103,15 @@ def _steps(axes: Axes, plan: Plan, index: int, colour: str, start: float) -> Non
     value = plan.x[:, index]
     below, above = (at[:, index] for at in touching(plan))
     free = ~(below | above) & (len(times) <= MOST_DOTS)
-    axes.plot([0, *times[free]], [start, *value[free]], ".", color=colour, markersize=2.5,
+    axes.plot([0, *times[free]], [start, *value[free]], ".", color=color, markersize=2.5,
               zorder=3.5)  # fmt: skip
     for touch, size, face, gid in (
         (above, 2.2, "white", "at upper bound"),
-        (below, 3.8, colour, "at lower bound"),
+        (below, 3.8, color, "at lower bound"),
     ):
         axes.plot(
             times[touch], value[touch], "s", markersize=size, markerfacecolor=face,
-            markeredgecolor="k" if touch is below else colour, markeredgewidth=0.6,
+            markeredgecolor="k" if touch is below else color, markeredgewidth=0.6,
             zorder=4, clip_on=False, gid=gid,
         )  # fmt: skip
     draw_bounds(axes, plan, index)

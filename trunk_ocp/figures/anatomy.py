@@ -16,14 +16,14 @@ from ..model.anatomy import Muscle, Trunk
 from ..model.loads import Loads
 from ..rod.statics import Shape, solve_statics
 from ..scene.body import muscle_body, outline
-from ..scene.colors import group_colours, groups
+from ..scene.colors import group_colors, groups
 from . import style
-from .scene import Surface, extent, facets_of, frame, measure, paint, towards
+from .scene import Surface, extent, facets_of, frame, measure, paint, toward
 
 # The trunk lies on paper with its base at the left: in its own axes d3 points right and d1,
 # the dorsal side, up.
-DORSAL = towards("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
-BESIDE = towards("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
+DORSAL = toward("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
+BESIDE = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
 SECTIONS = 12
 LINE = 3.6  # mm, of a legend
 APART = 0.12  # of the trunk's length, between exploded segments
@@ -62,7 +62,7 @@ def sections_picture(trunk: Trunk) -> Figure:
 
 
 def _key(trunk: Trunk) -> list[Patch]:
-    names = group_colours(trunk).items()
+    names = group_colors(trunk).items()
     return [
         Patch(color=c, label=f"{g}: {style.full_name(g)}" if g in style.NAMES else g)
         for g, c in names
@@ -77,12 +77,10 @@ def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
     axes.add_patch(Circle((0, 0), radius, facecolor="#F4F4F4", edgecolor=style.INK, linewidth=0.6))
     for muscle in trunk.subdomains:
         if muscle.segment == segment:
-            colour = group_colours(trunk)[muscle.group]
+            color = group_colors(trunk)[muscle.group]
             corners = to_cm * outline(muscle)[:, ::-1]
             axes.add_patch(
-                Polygon(
-                    corners, facecolor=colour, edgecolor="white", linewidth=0.5, gid=muscle.name
-                )
+                Polygon(corners, facecolor=color, edgecolor="white", linewidth=0.5, gid=muscle.name)
             )
     reach = 105 * trunk.base_radius
     axes.set_xlim(-reach, reach)
@@ -102,17 +100,17 @@ def bodies_picture(trunk: Trunk) -> Figure:
     figure = style.new_figure(height)
     bodies = [(muscle, _facets(trunk, muscle, straight)) for muscle in trunk.subdomains]
     box = extent(DORSAL, np.concatenate([b.reshape(-1, 3) for _, b in bodies]), 0.02)
-    colours = group_colours(trunk)
+    colors = group_colors(trunk)
     tall = (height - 12) / len(names)
     for row, group in enumerate(names):
         bottom = (height - 6 - tall * (row + 1)) / height
         axes = figure.add_axes((0.04, bottom, 0.4, tall / height))
-        chosen = [Surface(body, colours[group]) for m, body in bodies if m.group == group]
+        chosen = [Surface(body, colors[group]) for m, body in bodies if m.group == group]
         paint(axes, DORSAL, chosen)
         frame(axes, DORSAL, box)
         if row == len(names) - 1:
             measure(axes, box)
-        figure.text(0.005, bottom + tall / height / 2, group, color=colours[group], va="center",
+        figure.text(0.005, bottom + tall / height / 2, group, color=colors[group], va="center",
                     fontweight="bold")  # fmt: skip
     _exploded(figure, trunk, bodies)
     figure.text(0.24, 1 - 1 / height, "each group, from its dorsal side", ha="center", va="top")
@@ -133,9 +131,9 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
     box = extent(BESIDE, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
     height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.46, 6 / height, 0.53, 1 - 12 / height))
-    colours = group_colours(trunk)
+    colors = group_colors(trunk)
     pairs = zip(bodies, moved, strict=True)
-    paint(axes, BESIDE, [Surface(body, colours[muscle.group]) for (muscle, _), body in pairs])
+    paint(axes, BESIDE, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
     frame(axes, BESIDE, box)
     measure(axes, box)
 

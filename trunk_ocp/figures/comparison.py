@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from ..analysis.measures import time_at_bounds
 from ..planning.active_bounds import limits, touching
 from ..planning.plan import Plan
-from ..scene.colors import group_colours, groups
+from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of, trajectory
 from . import style
 from .activations import draw_bounds
@@ -72,7 +72,7 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
                     late = plan is plans[1]
                     axes.plot(
                         times, values[:, index], style.SIDES[muscle.side][1],
-                        color=group_colours(trunk)[group] if late else SEQUENTIAL,
+                        color=group_colors(trunk)[group] if late else SEQUENTIAL,
                         linewidth=1.3 if late else 1.0, zorder=4 if late else 3,
                         gid=f"{plan.mode} {muscle.name}",
                     )  # fmt: skip
@@ -96,7 +96,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
     for axes in panels:
         style.shade_phases(axes, longest.motion, end_of(longest))
         axes.set_xlabel("time (s)")
-    for plan, colour in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
+    for plan, color in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
         times = plan.motion.times[: len(plan.x)]
         errors = plan.errors if len(plan.x) else ()
         cost = np.array([error.paper for error in errors])
@@ -108,7 +108,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
                 times[-len(values) :] if len(values) else [],
                 values,
                 "o-",
-                color=colour,
+                color=color,
                 markersize=2.5,
                 gid=plan.mode,
                 clip_on=False,
@@ -124,11 +124,11 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
 
 def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
     handles: list[Artist] = []
-    for plan, colour in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
+    for plan, color in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
         cost = f"{plan.objective.paper:.3g}" if len(plan.x) else "none"
         at_bound = f"{time_at_bounds(plan):.2g} muscle-seconds at the bound of contraction"
         label = f"{plan.mode}: J = {cost}, {at_bound}"
-        handles.append(Line2D([], [], color=colour, marker="o", markersize=2.5, label=label))
+        handles.append(Line2D([], [], color=color, marker="o", markersize=2.5, label=label))
     lines: list[Artist] = [
         Line2D([], [], color=style.INK, label="right"),
         Line2D([], [], color=style.INK, linestyle=":", label="left"),

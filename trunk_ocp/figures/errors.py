@@ -16,7 +16,7 @@ from ..scene.moments import end_of
 from . import style
 
 MOST_NAMED = 8  # points of the trunk in a legend
-ALONG = "cividis"  # targets, from base to tip; no muscle has these colours' meaning
+ALONG = "cividis"  # targets, from base to tip; no muscle has these colors' meaning
 
 
 def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
@@ -75,9 +75,9 @@ def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -
     named = np.linspace(0, len(series) - 1, MOST_NAMED).round().astype(int)
     worst: dict[float, float] = {}
     shades = matplotlib.colormaps[ALONG](np.linspace(0.0, 0.88, max(len(series), 2)))
-    for n, ((Z, (times, errors)), colour) in enumerate(zip(series.items(), shades, strict=False)):
+    for n, ((Z, (times, errors)), color) in enumerate(zip(series.items(), shades, strict=False)):
         label = f"Z = {Z:.3g} m" if n in named else None
-        axes.plot(times, factor * errors, "o-", color=to_hex(colour), markersize=2.8,
+        axes.plot(times, factor * errors, "o-", color=to_hex(color), markersize=2.8,
                   linewidth=0.6, label=label, clip_on=False, zorder=3)  # fmt: skip
         for time, error in zip(times.tolist(), errors.tolist(), strict=True):
             worst[time] = max(error, worst.get(time, 0.0))

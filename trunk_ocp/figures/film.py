@@ -50,7 +50,7 @@ def frame_times(plan: Plan) -> np.ndarray:
 def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list[Path]:
     """Write `film.gif` and, where the program ffmpeg is installed, `film.mp4`.
 
-    Muscles are coloured by |activation|; the right side and the left, at half the speed.
+    Muscles are colored by |activation|; the right side and the left, at half the speed.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Stage:
         style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s{after}")
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         surfaces = [
-            Surface(facets_of(body, SECTIONS), self._colour(moment.activation[index]))
+            Surface(facets_of(body, SECTIONS), self._color(moment.activation[index]))
             for index, body in enumerate(bodies)
         ]
         surfaces += cargo(self.plan, self._phase(moment), moment)
@@ -130,8 +130,8 @@ class Stage:
             axes = figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
             sphere = head_sphere(trunk)
             if sphere is not None:
-                centre = tuple(view.flat(sphere[0]))
-                axes.add_patch(Circle(centre, sphere[1], color="#E4E4E4", linewidth=0, zorder=1))
+                center = tuple(view.flat(sphere[0]))
+                axes.add_patch(Circle(center, sphere[1], color="#E4E4E4", linewidth=0, zorder=1))
             paint(axes, view, surfaces, darkest=DARKEST)
             frame(axes, view, self.boxes[side])
             axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
@@ -139,7 +139,7 @@ class Stage:
                 measure(axes, self.boxes[side])
         _bar(figure, self.scale)
 
-    def _colour(self, activation: float) -> tuple[float, float, float]:
+    def _color(self, activation: float) -> tuple[float, float, float]:
         red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
         return (red, green, blue)
 

@@ -61,7 +61,7 @@ def picture(result: Foresight) -> Figure:
         axes.set_ylabel(label)
     ways = _ways(result)
     _over_time(list(panels[1]), list(ways.values()))
-    lines = [Line2D([], [], color=colour, label=name) for name, (_, colour) in ways.items()]
+    lines = [Line2D([], [], color=color, label=name) for name, (_, color) in ways.items()]
     marks: list[Artist] = [
         Line2D([], [], color=style.INK, marker="o", markersize=3, label="all targets reached"),
         Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
@@ -80,7 +80,7 @@ def _said(result: Foresight) -> str:
 
 
 def _ways(result: Foresight) -> dict[str, tuple[Plan, str]]:
-    """The plans that are drawn over time, and their colours."""
+    """The plans that are drawn over time, and their colors."""
     return {
         "the paper's way: tracking only": (result.paper, PAPER),
         "the same with running cost": (result.paper_costed, COSTED),
@@ -96,8 +96,8 @@ def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
     values = [float(getattr(measures, name)) for measures in some]
     axes.plot(lookaheads, values, color=style.INK, zorder=3, gid=name)
     _marks(axes, lookaheads, values, [m.status for m in some])
-    for way, colour in (("paper", PAPER), ("paper, same cost", COSTED)):
-        axes.axhline(float(getattr(result.measures[way], name)), color=colour, zorder=2, gid=way)
+    for way, color in (("paper", PAPER), ("paper, same cost", COSTED)):
+        axes.axhline(float(getattr(result.measures[way], name)), color=color, zorder=2, gid=way)
     best: Measures | None = result.measures.get("best horizon")
     if best is not None:
         axes.axhline(float(getattr(best, name)), **style.BOUND)
@@ -111,12 +111,12 @@ def _marks(
     lookaheads: Sequence[int],
     values: Sequence[float],
     statuses: Sequence[str],
-    colour: Any = style.INK,
+    color: Any = style.INK,
 ) -> None:
     """A filled circle where all targets are reached, an open one elsewhere."""
     for H, value, status in zip(lookaheads, values, statuses, strict=True):
-        face = colour if status == SOLVED else "white"
-        axes.plot(H, value, "o", color=colour, markerfacecolor=face, markersize=3, zorder=4)
+        face = color if status == SOLVED else "white"
+        axes.plot(H, value, "o", color=color, markerfacecolor=face, markersize=3, zorder=4)
 
 
 def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
@@ -130,7 +130,7 @@ def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
         style.shade_phases(axes, motion, motion.steps[-1].time)
         axes.set_xlabel("time (s)")
         axes.set_ylabel(label)
-    for plan, colour in ways:
+    for plan, color in ways:
         times = plan.motion.times[: len(plan.x)]
         cost = np.array([error.paper for error in plan.errors])
         # From rest to the first step is no change of mind.
@@ -139,7 +139,7 @@ def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, rate, at_bound), strict=True):
             at = times[len(times) - len(values) :]
-            axes.plot(at, values, "o-", color=colour, markersize=2.5, clip_on=False, zorder=3)
+            axes.plot(at, values, "o-", color=color, markersize=2.5, clip_on=False, zorder=3)
     for axes in panels:
         axes.set_ylim(bottom=0)
     panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
@@ -155,9 +155,9 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
     figure.subplots_adjust(
         left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
     )
-    colours = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
+    colors = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
     handles: list[Artist] = []
-    for cell, colour in zip(cells, colours, strict=False):
+    for cell, color in zip(cells, colors, strict=False):
         plans = cell["lookaheads"]
         lookaheads = [int(H) for H in plans]
         statuses = [plan["status"] for plan in plans.values()]
@@ -165,10 +165,10 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
         excess = [100 * (plan["planner_objective"] / least - 1) for plan in plans.values()]
         variation = [plan["total_variation"] for plan in plans.values()]
         for axes, values in ((left, excess), (right, variation)):
-            axes.plot(lookaheads, values, color=colour, zorder=3)
-            _marks(axes, lookaheads, values, statuses, colour)
+            axes.plot(lookaheads, values, color=color, zorder=3)
+            _marks(axes, lookaheads, values, statuses, color)
         label = _limits_said(cell["limits"])
-        handles.append(Line2D([], [], color=colour, marker="o", markersize=3, label=label))
+        handles.append(Line2D([], [], color=color, marker="o", markersize=3, label=label))
     left.axhline(1.0, **style.BOUND)
     left.set_yscale("symlog", linthresh=1.0)
     left.set_ylim(bottom=0)
@@ -196,10 +196,10 @@ def front_picture(data: Mapping[str, Any]) -> Figure:
     style.headline(figure, f"{style.plain(data['problem'])}: tracking against smoothness")
     axes = figure.subplots()
     figure.subplots_adjust(left=0.16, right=0.97, top=1 - 8 / height, bottom=11 / height)
-    for way, colour in (("blind", BLIND), ("horizon", HORIZON)):
+    for way, color in (("blind", BLIND), ("horizon", HORIZON)):
         rate = [plan["squared_rate"] for plan in data[way]]
         tracking = [plan["tracking"] for plan in data[way]]
-        axes.plot(rate, tracking, "o-", color=colour, markersize=3, label=way, gid=way)
+        axes.plot(rate, tracking, "o-", color=color, markersize=3, label=way, gid=way)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

@@ -1,4 +1,4 @@
-"""The muscle groups by themselves, deformed, coloured by activation (figs. 5, 7, 9)."""
+"""The muscle groups by themselves, deformed, colored by activation (figs. 5, 7, 9)."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ..model.anatomy import Trunk
 from ..planning.active_bounds import limits
 from ..planning.plan import Plan
 from ..scene.body import muscle_body
-from ..scene.colors import group_colours, groups
+from ..scene.colors import group_colors, groups
 from ..scene.moments import Instant, end_of, instants, through
 from . import style
-from .scene import Surface, extent, facets_of, frame, measure, paint, towards
+from .scene import Surface, extent, facets_of, frame, measure, paint, toward
 
-ACTIVATION = "YlOrRd"  # darker is stronger, to any colour vision and in grey
+ACTIVATION = "YlOrRd"  # darker is stronger, to any color vision and in gray
 SECTIONS = 10
 NARROWEST = 16.0  # mm, of a column; the page grows with the number of groups
 LETTER = 1.6  # mm of a heading
 MARGIN = 0.02 / 1.75  # of the trunk's length, around it
 DARKEST = 0.8  # shading must not be taken for activation
 # Each side as one sees it standing beside the elephant, a little in front and above.
-VIEWS = {side: towards(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
+VIEWS = {side: toward(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
 
 
 def draw_muscles(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw each muscle group alone at several times, coloured by |activation| (figs. 5, 7, 9).
+    """Draw each muscle group alone at several times, colored by |activation| (figs. 5, 7, 9).
 
     A figure for each side; columns are groups, rows times in s. The muscles' true subdomains in
     the deformed trunk, seen from their own side; the trunk's centerline is a thin line.
@@ -93,7 +93,7 @@ def _head_column(axes: Axes, trunk: Trunk, group: str, most: int) -> None:
     named = f"{group}\n{style.full_name(group)}"
     axes.set_title(
         named if group in style.NAMES else style.short(group, most),
-        color=group_colours(trunk)[group], fontsize=6.5, fontweight="bold", pad=2,
+        color=group_colors(trunk)[group], fontsize=6.5, fontweight="bold", pad=2,
     )  # fmt: skip
 
 
@@ -112,7 +112,7 @@ def _surfaces(
 
 
 def strongest(plan: Plan) -> float:
-    """Largest |activation| of the colour bar: the motion's bound, or what a plan has beyond it."""
+    """Largest |activation| of the color bar: the motion's bound, or what a plan has beyond it."""
     count = len(plan.motion.trunk.muscles)
     values = [bound[:, :count].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
     return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0

@@ -14,11 +14,11 @@ from matplotlib.patches import Patch
 
 from ..analysis.redundancy import Redundancy
 from ..planning.plan import Plan
-from ..scene.colors import group_colours, groups
+from ..scene.colors import group_colors, groups
 from ..scene.moments import end_of, trajectory
 from . import style
 
-PALE, DARK = 0.22, 0.5  # how much of its colour a band keeps; opaque, to hide the phases' shades
+PALE, DARK = 0.22, 0.5  # how much of its color a band keeps; opaque, to hide the phases' shades
 ROW = 13.5  # mm
 
 
@@ -54,7 +54,7 @@ def picture(found: Redundancy) -> Figure:
             style.say_if_none(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 if muscle.side == side:
-                    _panel(axes, found, index, group_colours(trunk)[group])
+                    _panel(axes, found, index, group_colors(trunk)[group])
     for segment, axes in enumerate(panels[0]):
         axes.set_title(f"segment {segment + 1}")
         panels[-1, segment].set_xlabel("time (s)")
@@ -65,15 +65,15 @@ def picture(found: Redundancy) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, found: Redundancy, index: int, colour: str) -> None:
+def _panel(axes: Axes, found: Redundancy, index: int, color: str) -> None:
     plan, free = found.plan, found.freedom
     times = np.append(0.0, plan.motion.times)
     at_rest = np.zeros((1, 2))  # step 0 is the passive trunk, which has no choice
     for band, share, gid in ((free.alone, PALE, "alone"), (free.joint, DARK, "joint")):
         low, high = np.concatenate([at_rest, band[:, index]]).T
-        axes.fill_between(times, low, high, color=_mixed(colour, share), linewidth=0, gid=gid)
+        axes.fill_between(times, low, high, color=_mixed(color, share), linewidth=0, gid=gid)
     other = trajectory(found.versions["least effort"])[:, index]
-    axes.plot(times, trajectory(plan)[:, index], ".-", color=colour, markersize=2.5, gid="plan")
+    axes.plot(times, trajectory(plan)[:, index], ".-", color=color, markersize=2.5, gid="plan")
     axes.plot(times, other, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
     kind = found.freedom.kinds[index]
     axes.text(
@@ -82,9 +82,9 @@ def _panel(axes: Axes, found: Redundancy, index: int, colour: str) -> None:
     )  # fmt: skip
 
 
-def _mixed(colour: str, share: float) -> str:
-    """A colour with white."""
-    red, green, blue = (1 - share * (1 - part) for part in to_rgb(colour))
+def _mixed(color: str, share: float) -> str:
+    """A color with white."""
+    red, green, blue = (1 - share * (1 - part) for part in to_rgb(color))
     return to_hex((red, green, blue))
 
 

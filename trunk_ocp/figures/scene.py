@@ -18,8 +18,8 @@ from matplotlib.transforms import Bbox
 
 from ..scene.body import Body
 
-LIGHT = (-0.4, -0.6, 0.7)  # from the upper left, towards the reader
-DARKEST = 0.55  # of a colour, where no light falls
+LIGHT = (-0.4, -0.6, 0.7)  # from the upper left, toward the reader
+DARKEST = 0.55  # of a color, where no light falls
 FACETS = 20  # around a round body
 
 
@@ -40,7 +40,7 @@ class View:
         return np.stack([points @ self.across, points @ self.down], axis=-1)
 
 
-def towards(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 1.0)) -> View:
+def toward(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 1.0)) -> View:
     """View from a direction in which the reader stands; what is `below`, +Z, stays so."""
     out = np.asarray(eye) / np.linalg.norm(eye)
     down = np.asarray(below) - (out @ np.asarray(below)) * out
@@ -51,16 +51,16 @@ def towards(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0,
 _X, _Y, _Z = np.eye(3)
 SIDE = View("side", _X, _Z, _Y, ("X, forwards (m)", "Z, down (m)"))
 FRONT = View("front", _Y, _Z, _X, ("Y, to the right (m)", "Z, down (m)"), mirrored=True)
-QUARTER = towards("three-quarter", (0.9, 0.8, -0.4))
+QUARTER = toward("three-quarter", (0.9, 0.8, -0.4))
 VIEWS = (SIDE, FRONT, QUARTER)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Facets (k, 4, 3) in m, seen from outside counter-clockwise, of one colour."""
+    """Facets (k, 4, 3) in m, seen from outside counter-clockwise, of one color."""
 
     facets: np.ndarray
-    colour: str | tuple[float, float, float]
+    color: str | tuple[float, float, float]
 
 
 def paint(
@@ -70,7 +70,7 @@ def paint(
     if not surfaces:
         return
     facets = np.concatenate([surface.facets for surface in surfaces])
-    rgb = np.concatenate([np.tile(to_rgb(s.colour), (len(s.facets), 1)) for s in surfaces])
+    rgb = np.concatenate([np.tile(to_rgb(s.color), (len(s.facets), 1)) for s in surfaces])
     normal = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
     length = np.linalg.norm(normal, axis=1)
     seen = (normal @ view.out > 0) & (length > 0) & np.isfinite(facets).all(axis=(1, 2))
@@ -81,7 +81,7 @@ def paint(
     bright = darkest + (1 - darkest) * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
     drawn = (rgb * bright[:, None])[order]
     axes.add_collection(
-        # Edges of the facet's own colour close the hairlines between neighbours.
+        # Edges of the facet's own color close the hairlines between neighbors.
         PolyCollection(
             list(view.flat(facets)[order]),
             facecolors=drawn,

@@ -94,7 +94,7 @@ def row_of(plan: Plan, number: int) -> Row:
 
 
 def joined(rows: list[Row]) -> list[Row]:
-    """At most `MOST_ROWS` rows: of more, neighbours together."""
+    """At most `MOST_ROWS` rows: of more, neighbors together."""
     if len(rows) <= MOST_ROWS:
         return rows
     groups = np.array_split(np.arange(len(rows)), MOST_ROWS)

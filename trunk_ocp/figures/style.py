@@ -28,7 +28,7 @@ NAMES = {
     "vr": "ventral radial",
 }
 SIDES = {"R": ("right", "-"), "L": ("left", ":")}  # the paper's: right solid, left dotted
-PHASES = ("#DCEBF7", "#FBE8D3", "#ECECEC")  # the paper's: light blue, light orange, grey
+PHASES = ("#DCEBF7", "#FBE8D3", "#ECECEC")  # the paper's: light blue, light orange, gray
 INK = "#222222"
 FAINT = "#8A8A8A"
 BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2))}

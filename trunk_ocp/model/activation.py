@@ -25,7 +25,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 def radial_integrals(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]:
     """Radial factors (delta_0, delta_1, delta_3) of eq. (A.4) at Z = 0, in m^2, m^3, m^3.
 
-    With D_Z the axial component of the fibre direction (eq. 9), eq. (6) has the integrands
+    With D_Z the axial component of the fiber direction (eq. 9), eq. (6) has the integrands
     (1 - nu + (1 + nu) cos 2 alpha) / 2 = (1 + nu) D_Z^2 - nu and
     cos(beta) sin(2 alpha) / 2 = D_Theta D_Z.
     """

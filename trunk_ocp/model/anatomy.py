@@ -138,7 +138,7 @@ class AnatomySpec(Strict):
 class Muscle:
     """One muscular subdomain (eq. 16): an annular sector of one segment on one side.
 
-    Radii are those at Z = 0 in metres (eq. 29), `sector` is in radians, `helix` is the
+    Radii are those at Z = 0 in meters (eq. 29), `sector` is in radians, `helix` is the
     signed helical angle on the outer surface in radians (eq. 21), zero unless helical.
     """
 
@@ -154,7 +154,7 @@ class Muscle:
 
 @dataclass(frozen=True)
 class Head:
-    """Geometry of the head (eqs. 35-39): radius in metres, angles in radians."""
+    """Geometry of the head (eqs. 35-39): radius in meters, angles in radians."""
 
     pivot_radius: float
     xi_z: float

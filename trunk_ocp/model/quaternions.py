@@ -44,7 +44,7 @@ def _cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def directors(q: Sequence[Scalar]) -> tuple[tuple[Scalar, Scalar, Scalar], ...]:
-    """Directors (d1, d2, d3), each by its space components; quadratic in q, not normalised."""
+    """Directors (d1, d2, d3), each by its space components; quadratic in q, not normalized."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
     return (

@@ -1,7 +1,7 @@
 """A motion as one glTF file (.glb), which Blender and every viewer on the web open.
 
 Each muscle is a mesh of its own that morphs through the shapes of the key frames: glTF's morph
-targets are what each shape adds to the first, and the weights blend two neighbours at a time.
+targets are what each shape adds to the first, and the weights blend two neighbors at a time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from .._support.atomic_files import write
 from ..model.anatomy import Muscle
 from ..planning.plan import Plan
-from ..scene.colors import OTHERS, group_colours
+from ..scene.colors import OTHERS, group_colors
 from ..scene.keyframes import HOLD, Keyframes, with_between
 from ..scene.surfaces import Surface, coarse_body, coarse_outline, shaded
 
@@ -55,14 +55,14 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     file = _File()
     keys, weights = weight_keys(frames)
     file.animate(keys, weights)
-    colours = group_colours(trunk)
+    colors = group_colors(trunk)
     names = [f"{time:.6g} s" for time in frames.times[1:].tolist()]
     for i, part in enumerate(parts):
         surface = shaded(coarse_body(trunk, part, frames.shape, sections))
         name = part.name if part else trunk.name
         extras = _extras(part, frames.activation[:, i]) if part else {}
-        colour = colours[part.group] if part else OTHERS[4]
-        file.morphing_mesh(name, surface, colour, names, extras)
+        color = colors[part.group] if part else OTHERS[4]
+        file.morphing_mesh(name, surface, color, names, extras)
     return write(path, file.glb(_root(plan, frames)))
 
 
@@ -119,9 +119,9 @@ def _root(plan: Plan, frames: Keyframes) -> dict[str, Any]:
     }
 
 
-def _linear(colour: str) -> list[float]:
-    """Colour "#rrggbb" (sRGB) as glTF's linear RGBA."""
-    parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+def _linear(color: str) -> list[float]:
+    """Color "#rrggbb" (sRGB) as glTF's linear RGBA."""
+    parts = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
     return [*np.round(linear, 5).tolist(), 1.0]
 
@@ -173,7 +173,7 @@ class _File:
         self.sampler = {"input": time, "output": value, "interpolation": "LINEAR"}
 
     def morphing_mesh(
-        self, name: str, surface: Surface, colour: str, shapes: list[str], extras: dict[str, Any]
+        self, name: str, surface: Surface, color: str, shapes: list[str], extras: dict[str, Any]
     ) -> None:
         """Add a node with a mesh of its own that morphs, and a material of its own."""
         base = surface.vertices[:1].astype("f4"), surface.normals[:1].astype("f4")
@@ -189,7 +189,7 @@ class _File:
             "material": len(self.materials),
             "targets": [{"POSITION": p, "NORMAL": n} for p, n in zip(more, turns, strict=True)],
         }
-        surface_of = {"baseColorFactor": _linear(colour), "metallicFactor": 0.0}
+        surface_of = {"baseColorFactor": _linear(color), "metallicFactor": 0.0}
         self.materials.append(
             {"name": name, "pbrMetallicRoughness": surface_of | {"roughnessFactor": 0.6}}
         )

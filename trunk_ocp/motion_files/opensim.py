@@ -66,7 +66,7 @@ def _header(plan: Plan, rows: int, columns: int) -> list[str]:
         "Units are S.I. units (second). Each column is a muscle of the trunk and holds minus the",
         "activation gamma of the model, in which negative values contract; so here, as OpenSim",
         "has it, 0 is passive and positive contracts. Values are not cut off or scaled: gamma is a",
-        f"strain of the fibres and may exceed OpenSim's 1 (largest here {largest:.4g}); divide by",
+        f"strain of the fibers and may exceed OpenSim's 1 (largest here {largest:.4g}); divide by",
         "the strongest contraction you allow if your muscles need 0 to 1.",
         "",
         "endheader",

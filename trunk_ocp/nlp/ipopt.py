@@ -1,4 +1,4 @@
-"""Ipopt on the programme of a window, with our derivatives, progress and a way to stop."""
+"""Ipopt on the NLP of a window, with our derivatives, progress and a way to stop."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Solve:
     message : str
         Ipopt's return status, or `LATE`.
     objective, infeasibility : float
-        Of the point that was returned; see `Optimiser.solve`.
+        Of the point that was returned; see `Optimizer.solve`.
     history : tuple of (objective, primal infeasibility, dual infeasibility)
         One entry for each iteration, the start included.
     violations : tuple of Violation
@@ -141,7 +141,7 @@ class Derivatives:
 
 
 @dataclass
-class Optimiser:
+class Optimizer:
     """Solves windows; keeps the solver of each structure, so that a later one starts at once.
 
     `ipopt` is one of the sets of options above. No solve goes on after `deadline`, a time of
@@ -178,7 +178,7 @@ class Optimiser:
         multipliers: dict[str, ca.DM] | None = None,
         newest: bool = False,
     ) -> Outcome:
-        """Minimise from a start vector; never raises for lack of convergence.
+        """Minimize from a start vector; never raises for lack of convergence.
 
         newest : whether a solve that does not converge returns its last point rather than the
             best one it met, which may be the start.
@@ -245,7 +245,7 @@ class Optimiser:
 
     @deferred_interrupts()
     def derivatives(self, window: Window, outcome: Outcome) -> Derivatives:
-        """First and second derivatives of a window's programme at an optimum."""
+        """First and second derivatives of a window's NLP at an optimum."""
         solver, _ = self._solver(window)
         lam_x, lam_g = outcome.multipliers["lam_x0"], outcome.multipliers["lam_g0"]
         at = (outcome.full, window.parameters)
@@ -272,12 +272,12 @@ class Optimiser:
                 "print_time": False,
                 "record_time": True,
                 "error_on_fail": False,
-                **window.programme.derivatives(),
+                **window.nlp.derivatives(),
             }
             with deferred_interrupts():  # CasADi asks the callback for its size
-                watch = _Watch(*window.programme.size, window.parameters.size)
+                watch = _Watch(*window.nlp.size, window.parameters.size)
                 options["iteration_callback"] = watch
-                solver = ca.nlpsol("window", "ipopt", window.programme.nlp(), options)
+                solver = ca.nlpsol("window", "ipopt", window.nlp.nlp(), options)
             self._ready[key] = (solver, watch)
             self.setup_seconds += time.perf_counter() - began
         return self._ready[key]
@@ -291,7 +291,7 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point of a programme, with its multipliers as a later solve takes them."""
+    """A point of an NLP, with its multipliers as a later solve takes them."""
 
     full: np.ndarray
     g: np.ndarray

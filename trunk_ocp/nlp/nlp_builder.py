@@ -1,4 +1,4 @@
-"""Putting a partially separable programme together, piece by piece."""
+"""Putting a partially separable nlp together, piece by piece."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from .separable_nlp import Programme, Term
+from .separable_nlp import SeparableNLP, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Block:
         return replace(self, rows=self.rows + by, step=step)
 
 
-class Assembly:
+class NLPBuilder:
     """Collects variables, constraint rows, linear entries and terms."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class Assembly:
 
     def include(
         self,
-        part: Assembly,
+        part: NLPBuilder,
         bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
         step: int,
     ) -> tuple[int, int]:
@@ -193,8 +193,8 @@ class Assembly:
             )
         return merged
 
-    def programme(self) -> Programme:
-        """The programme of everything that was added, with one term for each function."""
+    def nlp(self) -> SeparableNLP:
+        """The NLP of everything that was added, with one term for each function."""
         rows, columns, values = self._entries
         size = 1 + self._rows
         terms = []
@@ -205,10 +205,10 @@ class Assembly:
             )
             terms.append(Term(t.function, t.variables, scatter, t.parameters))
         linear = sp.csr_matrix((values, (rows, columns)), (size, self._count))
-        return Programme(linear, tuple(terms))
+        return SeparableNLP(linear, tuple(terms))
 
     def digest(self) -> bytes:
-        """Fingerprint of the programme without its parameter values."""
+        """Fingerprint of the NLP without its parameter values."""
         known = hashlib.blake2b(f"{self._count} {self._rows}".encode())
         for t in self._merged:
             known.update(f"{t.function.__hash__()} {t.variables.shape}".encode())
@@ -220,7 +220,7 @@ class Assembly:
 
     @property
     def parameters(self) -> np.ndarray:
-        """Parameter values of all terms as one vector, as `Programme.parameters` has them."""
+        """Parameter values of all terms as one vector, as `SeparableNLP.parameters` has them."""
         return np.concatenate([t.parameters.ravel(order="F") for t in self._merged])
 
     @property

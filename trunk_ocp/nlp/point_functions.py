@@ -1,4 +1,4 @@
-"""The small symbolic functions a window's programme is made of, in its units.
+"""The small symbolic functions a window's NLP is made of, in its units.
 
 Lengths are in units of L, moments in E I(0) / L; see `window`. Each takes (w, p),
 unknowns and parameters of one place.

@@ -1,4 +1,4 @@
-"""The rod of one time step as equations of a programme: direct collocation in Z.
+"""The rod of one time step as equations of an NLP: direct collocation in Z.
 
 Unknowns of a step: activations and head angles; the strain numbers they make; the tip force;
 the rod's states at element edges and Gauss points; its centerline at element edges and at
@@ -16,7 +16,7 @@ from ..model.activation import segment_at, segment_fractions, strain_matrix
 from ..model.anatomy import Trunk
 from ..rod.collocation import Mesh, gauss
 from ..rod.equations import RATES, STATES
-from .nlp_builder import Assembly
+from .nlp_builder import NLPBuilder
 from .point_functions import base
 
 
@@ -52,10 +52,10 @@ class RodEquations:
     """Variables and equations of one rod, counted from 0, without the box of x and the loads.
 
     `nlp_builder` has all but the nonlinear part: the rates of the rod at the Gauss points, with
-    `variables` (15, N), enter row `rows` by output, place and weight as in `Assembly.term`.
+    `variables` (15, N), enter row `rows` by output, place and weight as in `NLPBuilder.term`.
     """
 
-    assembly: Assembly
+    assembly: NLPBuilder
     unknowns: Unknowns
     variables: np.ndarray
     output: np.ndarray
@@ -72,7 +72,7 @@ def rod_equations(
 
     Steps differ by numbers only, so each kind is made once.
     """
-    add = Assembly()
+    add = NLPBuilder()
     E, d, S = mesh.elements, mesh.degree, trunk.segments
     strain_low, strain_high = np.full((S, 4), -np.inf), np.full((S, 4), np.inf)
     strain_low[:, 0], strain_high[:, 0] = extension
@@ -95,7 +95,7 @@ def rod_equations(
     return _with_rates(add, trunk, mesh, u, collocation, line, inside)
 
 
-def _strain_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
+def _strain_rows(add: NLPBuilder, trunk: Trunk, u: Unknowns) -> None:
     """Strain numbers from activations; mean extension from extensions (eqs. 5, 30)."""
     A = strain_matrix(trunk) * np.array([1, *3 * [trunk.length]])[:, None]
     rest = np.tile([1.0, 0, 0, 0], (trunk.segments, 1))
@@ -107,7 +107,7 @@ def _strain_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
     add.linear(row, u.strain[:, 0], -segment_fractions(trunk))
 
 
-def _base_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
+def _base_rows(add: NLPBuilder, trunk: Trunk, u: Unknowns) -> None:
     """Base position and orientation from the head angles (eqs. 35-39)."""
     rows = add.rows("base", 7)
     add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
@@ -115,7 +115,7 @@ def _base_rows(add: Assembly, trunk: Trunk, u: Unknowns) -> None:
 
 
 def _point_variables(
-    add: Assembly, mesh: Mesh, u: Unknowns, asked: tuple[float, ...]
+    add: NLPBuilder, mesh: Mesh, u: Unknowns, asked: tuple[float, ...]
 ) -> list[tuple[int, float, np.ndarray]]:
     """Orientation and position at every Z that is asked for.
 
@@ -143,7 +143,7 @@ def _point_variables(
     return inside
 
 
-def _linear_rows(add: Assembly, mesh: Mesh, u: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+def _linear_rows(add: NLPBuilder, mesh: Mesh, u: Unknowns) -> tuple[np.ndarray, np.ndarray]:
     """Collocation, continuity and centerline without the rates; rows of the first and last."""
     E, d, element = mesh.elements, mesh.degree, gauss(mesh.degree)
     states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
@@ -159,7 +159,7 @@ def _linear_rows(add: Assembly, mesh: Mesh, u: Unknowns) -> tuple[np.ndarray, np
 
 
 def _with_rates(
-    add: Assembly,
+    add: NLPBuilder,
     trunk: Trunk,
     mesh: Mesh,
     u: Unknowns,

@@ -1,4 +1,4 @@
-"""Partially separable programmes: exact sparse derivatives from small repeated functions.
+"""Partially separable NLPs: exact sparse derivatives from small repeated functions.
 
 Objective and constraints are stacked as one map, row 0 the objective,
 
@@ -52,8 +52,8 @@ class Term:
 
 
 @dataclass(frozen=True, eq=False)
-class Programme:
-    """A nonlinear programme: minimise F[0] subject to bounds on x and on g = F[1:].
+class SeparableNLP:
+    """An NLP: minimize F[0] subject to bounds on x and on g = F[1:].
 
     `linear` is C, (1 + constraints, variables). Parameter values are not part of the
     structure: every solve brings its own, in the order of `parameters`.

@@ -1,4 +1,4 @@
-"""A window of consecutive time steps as one nonlinear programme.
+"""A window of consecutive time steps as one NLP.
 
 Each step has the unknowns and equations of `rod_equations`; bounds on change and directions
 held from an earlier step tie steps together. Inside, lengths are in units of L and moments of
@@ -20,11 +20,11 @@ from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
 from ..problem.motion import Motion, Step
-from ..problem.targets import Direction, Held
+from ..problem.targets import Direction, HeldDirection
 from ..rod.collocation import Mesh
 from ..rod.equations import point_parameters
 from ..rod.statics import Shape
-from .nlp_builder import Assembly, Block
+from .nlp_builder import Block, NLPBuilder
 from .point_functions import (
     director,
     scaled_rates,
@@ -36,7 +36,7 @@ from .point_functions import (
     squared_held_direction,
 )
 from .rod_block import Unknowns, rod_equations
-from .separable_nlp import Programme
+from .separable_nlp import SeparableNLP
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Goal:
 
 
 class Window:
-    """The nonlinear programme of consecutive time steps.
+    """The NLP of consecutive time steps.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Window:
         mesh: Mesh,
         steps: Sequence[Step],
         previous: np.ndarray,
-        held: dict[Held, np.ndarray],
+        held: dict[HeldDirection, np.ndarray],
         offset: int,
         weights: Weights,
     ) -> None:
@@ -98,7 +98,7 @@ class Window:
         self.length = trunk.length
         self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
         self.force = self.moment / trunk.length
-        self._assembly = Assembly()
+        self._assembly = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
@@ -114,13 +114,13 @@ class Window:
 
     @cached_property
     def parameters(self) -> np.ndarray:
-        """Parameters of the programme."""
+        """Parameters of the NLP."""
         return self._assembly.parameters
 
     @cached_property
-    def programme(self) -> Programme:
-        """The programme itself; a solver needs it once for each structure only."""
-        return self._assembly.programme()
+    def nlp(self) -> SeparableNLP:
+        """The NLP itself; a solver needs it once for each structure only."""
+        return self._assembly.nlp()
 
     @property
     def blocks(self) -> list[Block]:
@@ -129,7 +129,7 @@ class Window:
 
     @cached_property
     def structure(self) -> bytes:
-        """Equal for windows whose programmes differ in parameters and bounds only."""
+        """Equal for windows whose NLPs differ in parameters and bounds only."""
         return self._assembly.digest()
 
     # --- one step --------------------------------------------------------------------
@@ -166,10 +166,10 @@ class Window:
 
     # --- between steps ---------------------------------------------------------------
 
-    def _is_known(self, reference: Held) -> bool:
+    def _is_known(self, reference: HeldDirection) -> bool:
         return reference.step < self.offset
 
-    def _held_directions(self) -> dict[Held, np.ndarray]:
+    def _held_directions(self) -> dict[HeldDirection, np.ndarray]:
         """A variable of its own for each held direction, tied to the step that defines it.
 
         Without it, every step that refers to the direction would couple to the whole rod
@@ -229,12 +229,12 @@ class Window:
                     weight = target.position_weight * squared_scale
                     yield Goal(squared_distance(self.length), r, goal, weight, position)
                 for j, d, weight in target.pairs():
-                    if isinstance(d, Held) and not self._is_known(d):
+                    if isinstance(d, HeldDirection) and not self._is_known(d):
                         unknown = np.append(q, self.held[d])
                         none = np.zeros(0)
                         yield Goal(squared_held_direction(j), unknown, none, weight, direction)
                     else:
-                        goal = self.known[d] if isinstance(d, Held) else np.asarray(d)
+                        goal = self.known[d] if isinstance(d, HeldDirection) else np.asarray(d)
                         yield Goal(squared_direction(j), q, goal, weight, direction)
 
     def _tracking(self) -> None:
@@ -348,7 +348,7 @@ class Window:
 
     def _goal(self, full: np.ndarray, direction: Direction) -> np.ndarray:
         """Value (3,) of a desired direction."""
-        if not isinstance(direction, Held):
+        if not isinstance(direction, HeldDirection):
             return np.asarray(direction)
         return self.known[direction] if self._is_known(direction) else full[self.held[direction]]
 
@@ -360,7 +360,7 @@ class Window:
         states[..., 4:] *= self.moment
         return states
 
-    def directions_of(self, full: np.ndarray) -> dict[Held, np.ndarray]:
+    def directions_of(self, full: np.ndarray) -> dict[HeldDirection, np.ndarray]:
         """Value (3,) of each direction that this window defines for later steps."""
         return {reference: full[D] for reference, D in self.held.items()}
 

@@ -22,7 +22,7 @@ import numpy as np
 from .._support.atomic_files import write
 from .._support.provenance import fingerprint, plain, versions
 from ..errors import InputError
-from ..nlp.ipopt import Optimiser
+from ..nlp.ipopt import Optimizer
 from ..problem.motion import Motion
 from ..rod.collocation import Mesh
 from .checkpoint_file import COUNTERS, Stage, read_unfinished
@@ -121,7 +121,7 @@ class Checkpoint:
         self.seconds, self._found = found.stages(motion)
 
     def enter(
-        self, mode: str, mesh: Mesh, window: int, optimiser: Optimiser
+        self, mode: str, mesh: Mesh, window: int, optimizer: Optimizer
     ) -> tuple[State, np.ndarray | None]:
         """What the next pass has decided already, and the unknowns of its last window.
 
@@ -146,17 +146,17 @@ class Checkpoint:
                     "unfinished run of it. Run without --resume to start anew."
                 )
             for name in COUNTERS:
-                setattr(optimiser, name, stage.counters.get(name, 0))
-            optimiser.solves[:] = stage.failed
+                setattr(optimizer, name, stage.counters.get(name, 0))
+            optimizer.solves[:] = stage.failed
         self._stages.append(stage)
         return stage.state, stage.previous
 
-    def save(self, optimiser: Optimiser, previous: np.ndarray) -> None:
+    def save(self, optimizer: Optimizer, previous: np.ndarray) -> None:
         """Write what has been decided; if the disk is full, say so once and go on without."""
         stage = self._stages[-1]
         stage.previous = previous
-        stage.counters = {name: getattr(optimiser, name) for name in COUNTERS}
-        stage.failed = [solve for solve in optimiser.solves if not solve.converged]
+        stage.counters = {name: getattr(optimizer, name) for name in COUNTERS}
+        stage.failed = [solve for solve in optimizer.solves if not solve.converged]
         progress: dict[str, Any] = {
             "seconds": self.seconds + time.perf_counter() - self._began,
             "stages": [_described(stage) for stage in self._stages],
@@ -184,7 +184,7 @@ class Checkpoint:
             self._newer.rename(self.path)
         except (InputError, OSError) as error:
             if not self._failed:
-                optimiser.reporter.note(f"Going on, but this could not be resumed: {error}")
+                optimizer.reporter.note(f"Going on, but this could not be resumed: {error}")
             self._failed = True
 
     def remove(self) -> None:

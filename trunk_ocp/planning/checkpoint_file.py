@@ -22,7 +22,7 @@ from .._support.toml_files import LONGEST_JSON, MOST_PARTS, parts_of, printable,
 from ..errors import InputError
 from ..nlp.ipopt import Solve
 from ..problem.motion import Motion
-from ..problem.targets import Held
+from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from .plan import MODES
@@ -214,9 +214,9 @@ def _arrays(told: dict[str, Any], values: np.ndarray) -> tuple[dict[str, np.ndar
     return arrays, values
 
 
-def _held(value: Any) -> Held:
+def _held(value: Any) -> HeldDirection:
     step, Z, director = entries(value)
-    return Held(count(step), number(Z), count(director))
+    return HeldDirection(count(step), number(Z), count(director))
 
 
 def _check(

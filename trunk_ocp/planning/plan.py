@@ -18,7 +18,7 @@ from ..nlp.ipopt import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
-from ..problem.targets import Held
+from ..problem.targets import HeldDirection
 from ..rod.buckling import Stability, stability
 from ..rod.collocation import Mesh
 from ..rod.statics import Shape, refined, solve_statics
@@ -60,7 +60,7 @@ FAILURES = {
 class Objective:
     """Costs of a plan: the paper's J (eq. 42, un-squared norms, in m) and the planner's own.
 
-    The planner minimises `tracking` + `effort` + `rate`; see `Weights`.
+    The planner minimizes `tracking` + `effort` + `rate`; see `Weights`.
     """
 
     paper: float
@@ -70,7 +70,7 @@ class Objective:
 
     @property
     def total(self) -> float:
-        """What the planner minimises."""
+        """What the planner minimizes."""
         return self.tracking + self.effort + self.rate
 
 
@@ -378,8 +378,8 @@ def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
     """Errors of each step of a plan, from the independently integrated shapes."""
     at = plan.verification.at
 
-    def goal(direction: Held | Sequence[float]) -> np.ndarray:
-        if isinstance(direction, Held):
+    def goal(direction: HeldDirection | Sequence[float]) -> np.ndarray:
+        if isinstance(direction, HeldDirection):
             return at(direction.step, direction.Z)[1][direction.director]
         return np.asarray(direction)
 

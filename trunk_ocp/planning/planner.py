@@ -1,6 +1,6 @@
 """Planning a motion: windows of time steps, solved one after the other.
 
-A window of H consecutive steps is one nonlinear programme. After each solve the first step
+A window of H consecutive steps is one NLP. After each solve the first step
 of the window is kept and the window moves on by one; the last window keeps all of its steps.
 H = 1 is the paper's sequential solve, H = all the horizon, anything between a receding
 horizon; the loop is the same.
@@ -18,14 +18,14 @@ import numpy as np
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
 from ..errors import InputError
-from ..nlp.ipopt import ROUGH, Optimiser
+from ..nlp.ipopt import ROUGH, Optimizer
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from ..rod.collocation import mesh_for
 from .checkpoint import Checkpoint
 from .plan import Plan
-from .planning_run import Pass
+from .planning_run import PlanningRun
 from .state import REFINEMENTS, Options, first_mesh, mode_of
 
 ROUGH_ITERATIONS = 200
@@ -85,9 +85,9 @@ def plan_motion(
     mode, lookahead = mode_of(motion, lookahead)
     ends = began + seconds_allowed(deadline)
     _check_start(start, motion)
-    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter, deadline=ends)
+    optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     few = min(options.max_iterations, ROUGH_ITERATIONS)
-    rough = Optimiser(options.linear_solver, few, reporter, ROUGH, ends)
+    rough = Optimizer(options.linear_solver, few, reporter, ROUGH, ends)
     mesh = first_mesh(motion, options)
     if large := check_size(motion, mesh, lookahead):
         reporter.note(large)
@@ -95,13 +95,13 @@ def plan_motion(
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
-        start = Pass(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
-    own = Pass(motion, mesh, mode, lookahead, options, optimiser, start, checkpoint)
+        start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
+    own = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
     if own.stopped and start is not None:
         plan = _instead(start, own)
     else:
         plan = _on_finer_meshes(own.run(), own)
-    parts: list[Optimiser | Plan] = [optimiser, rough, *([given] if given else [])]
+    parts: list[Optimizer | Plan] = [optimizer, rough, *([given] if given else [])]
     plan = plan.recorded(
         iterations=sum(part.iterations for part in parts),
         setup_seconds=sum(part.setup_seconds for part in parts),
@@ -111,7 +111,7 @@ def plan_motion(
         - began
         + (given.total_seconds if given else 0)
         + (checkpoint.seconds if checkpoint else 0),
-        solves=(*(given.solves if given else ()), *rough.solves, *optimiser.solves),
+        solves=(*(given.solves if given else ()), *rough.solves, *optimizer.solves),
         versions=versions(),
         options=asdict(options),
         notes=(*plan.notes, *plan.verification.doubts),
@@ -132,9 +132,9 @@ def _check_start(start: Plan | None, motion: Motion) -> None:
         )
 
 
-def _instead(start: Plan, own: Pass) -> Plan:
+def _instead(start: Plan, own: PlanningRun) -> Plan:
     """The plan that a horizon starts from, where there was no time for the horizon itself."""
-    how = "interrupted" if own.optimiser.reporter.stop else "out of time"
+    how = "interrupted" if own.optimizer.reporter.stop else "out of time"
     whole = len(start.x) == len(own.motion.steps)
     what = "the plan it starts from" if whole else "a part of the plan it would start from"
     note = f"{how} before the horizon's own solve; this is {what}"
@@ -142,7 +142,7 @@ def _instead(start: Plan, own: Pass) -> Plan:
     return _cut_short(kept, own)
 
 
-def _on_finer_meshes(plan: Plan, own: Pass) -> Plan:
+def _on_finer_meshes(plan: Plan, own: PlanningRun) -> Plan:
     """The plan, made again on finer meshes where its check asks for them."""
     mesh = own.mesh
     for _ in range(REFINEMENTS):
@@ -152,16 +152,16 @@ def _on_finer_meshes(plan: Plan, own: Pass) -> Plan:
             return _cut_short(plan, own)
         mesh = mesh_for(own.motion.trunk, own.motion.contact_from, 2 * mesh.elements, mesh.degree)
         told = f"The mesh was too coarse; planning again with {mesh.elements} elements."
-        own.optimiser.reporter.note(told)
+        own.optimizer.reporter.note(told)
         again = plan if own.mode != "sequential" else None
         finer = replace(own, mesh=mesh, start=again).run()
         plan = finer if len(finer.x) == len(plan.x) else _cut_short(plan, own)
     return plan
 
 
-def _cut_short(plan: Plan, own: Pass) -> Plan:
+def _cut_short(plan: Plan, own: PlanningRun) -> Plan:
     """The plan, marked as what was there when the user or the deadline ended it."""
-    stop = own.optimiser.reporter.stop
+    stop = own.optimizer.reporter.stop
     return plan.recorded(interrupted=stop, late=not stop)
 
 
@@ -198,15 +198,15 @@ def plan_from(
     """
     began = time.perf_counter()
     options, (mode, lookahead) = options or Options(), mode_of(motion, lookahead)
-    optimiser = Optimiser(options.linear_solver, options.max_iterations, reporter or Reporter())
+    optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter or Reporter())
     mesh = first_mesh(motion, options)
-    plan = Pass(motion, mesh, mode, lookahead, options, optimiser, guess=x).run()
+    plan = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, guess=x).run()
     return replace(
         plan,
-        iterations=optimiser.iterations,
-        setup_seconds=optimiser.setup_seconds,
-        solve_seconds=optimiser.solve_seconds,
-        derivative_seconds=optimiser.derivative_seconds,
+        iterations=optimizer.iterations,
+        setup_seconds=optimizer.setup_seconds,
+        solve_seconds=optimizer.solve_seconds,
+        derivative_seconds=optimizer.derivative_seconds,
         total_seconds=time.perf_counter() - began,
-        solves=tuple(optimiser.solves),
+        solves=tuple(optimizer.solves),
     )

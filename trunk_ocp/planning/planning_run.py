@@ -13,9 +13,9 @@ from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError, StaticsError
 from ..model.activation import strains
 from ..model.loads import Loads, vector
-from ..nlp.ipopt import CONVERGED, FEASIBLE, Optimiser, Outcome, rank
+from ..nlp.ipopt import CONVERGED, FEASIBLE, Optimizer, Outcome, rank
 from ..nlp.window import Window
-from ..problem.motion import Box, Motion, Step, allowed
+from ..problem.motion import Bounds, Motion, Step, allowed
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from ..rod.statics import Shape, shape_of_states, solve_statics, unloaded_shape
@@ -32,7 +32,7 @@ RANDOM = 0.4
 
 
 @dataclass(eq=False)
-class Pass:
+class PlanningRun:
     """One pass over a motion with a given lookahead.
 
     With a `guess` (all steps, muscles + 2), each window is solved from there alone.
@@ -43,7 +43,7 @@ class Pass:
     mode: str
     lookahead: int
     options: Options
-    optimiser: Optimiser
+    optimizer: Optimizer
     start: Plan | None = None
     checkpoint: Checkpoint | None = None
     guess: np.ndarray | None = None
@@ -56,7 +56,7 @@ class Pass:
     @property
     def stopped(self) -> bool:
         """Whether the user asked to stop, or the deadline has passed."""
-        return self.optimiser.reporter.stop or self.optimiser.late
+        return self.optimizer.reporter.stop or self.optimizer.late
 
     @deferred_interrupts()
     def run(self) -> Plan:
@@ -65,7 +65,7 @@ class Pass:
         previous: np.ndarray | None = None  # solution of the window before
         if self.checkpoint is not None:
             state, previous = self.checkpoint.enter(
-                self.mode, self.mesh, min(self.lookahead, count), self.optimiser
+                self.mode, self.mesh, min(self.lookahead, count), self.optimizer
             )
         first = len(state.x)
         while first < count and not self.stopped:
@@ -77,7 +77,7 @@ class Pass:
             previous = window.unknowns_of(outcome.full)
             self.keep(window, outcome, count if last == count else first + 1, state)
             if self.checkpoint is not None and not self.stopped:
-                self.checkpoint.save(self.optimiser, previous)
+                self.checkpoint.save(self.optimizer, previous)
             first = len(state.x)
         return self.plan(state)
 
@@ -94,14 +94,14 @@ class Pass:
     # --- windows ---------------------------------------------------------------------
 
     def window(self, first: int, steps: Sequence[Step], state: State) -> Window:
-        """The programme of `steps` from step `first` on, after what has been decided."""
+        """The NLP of `steps` from step `first` on, after what has been decided."""
         before = state.x[-1] if state.x else np.zeros(self.unknowns)
         return Window(
             self.motion, self.mesh, steps, before, state.held, first, self.options.weights
         )
 
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
-        return self.optimiser.solve(window, self.packed(window, x), self.mode, detail)
+        return self.optimizer.solve(window, self.packed(window, x), self.mode, detail)
 
     def packed(self, window: Window, x: np.ndarray) -> np.ndarray:
         """All unknowns of a window from those of its steps, within bounds, rods in equilibrium."""
@@ -133,7 +133,7 @@ class Pass:
         start = self.start
         if start and start.converged and last == len(start.x) and start.mesh == self.mesh:
             kept = window.pack(start.x[first:last], start.part(first, last))
-            given = self.optimiser.evaluate(window, kept)
+            given = self.optimizer.evaluate(window, kept)
             best = given if given.infeasibility <= FEASIBLE else None
         for number, (label, x) in enumerate(self._starts(first, last, previous)):
             good = best is not None and converged and window.reached(best.full)
@@ -238,8 +238,8 @@ class Pass:
             weights=self.options.weights,
             near=state.near,
             converged=state.converged,
-            interrupted=self.optimiser.reporter.stop,
-            late=self.optimiser.late and not (state.converged and len(x) == len(self.motion.steps)),
+            interrupted=self.optimizer.reporter.stop,
+            late=self.optimizer.late and not (state.converged and len(x) == len(self.motion.steps)),
         )
 
 
@@ -251,5 +251,5 @@ def _pulled(window: Window, shapes: Shape | None) -> list[Loads]:
     ]
 
 
-def _anything(size: int) -> Box:
-    return Box(np.full(size, -np.inf), np.full(size, np.inf))
+def _anything(size: int) -> Bounds:
+    return Bounds(np.full(size, -np.inf), np.full(size, np.inf))

@@ -11,13 +11,13 @@ from .._support.blas_threads import one_thread
 from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
 from ..errors import InputError
-from ..nlp.ipopt import WARM, Optimiser
+from ..nlp.ipopt import WARM, Optimizer
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .plan import Plan
 from .planner import seconds_allowed
-from .planning_run import Pass
+from .planning_run import PlanningRun
 from .state import Options, State
 
 
@@ -51,13 +51,13 @@ class Replanner:
         self._turn, self._at_work = threading.RLock(), False
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
-        self._optimiser = Optimiser(
+        self._optimizer = Optimizer(
             options.linear_solver, options.max_iterations, reporter or Reporter(), WARM
         )
         window, _ = self._window(plan.motion)
         self._structure = window.structure
         start = window.pack(plan.x, plan.shape)
-        self._last = self._optimiser.solve(window, start, "horizon", "multipliers")
+        self._last = self._optimizer.solve(window, start, "horizon", "multipliers")
 
     def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
@@ -92,44 +92,44 @@ class Replanner:
     @one_thread()
     def _replan(self, motion: Motion, ends: float) -> Plan:
         began = time.perf_counter()
-        optimiser, last = self._optimiser, self._last
-        optimiser.deadline = ends
-        solve, derivatives = optimiser.solve_seconds, optimiser.derivative_seconds
+        optimizer, last = self._optimizer, self._last
+        optimizer.deadline = ends
+        solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
         window, planner = self._window(motion)
         if window.structure != self._structure:
             raise InputError(
                 f"{motion.name}: differs from the planned motion in more than numbers; expected "
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
-        outcome = optimiser.solve(
+        outcome = optimizer.solve(
             window, last.full, "horizon", "re-plan", last.multipliers, newest=True
         )
         if outcome.converged and window.reached(outcome.full):
             self._last = outcome
         state = State()
         planner.keep(window, outcome, len(motion.steps), state)
-        del optimiser.solves[:-1]  # else a control loop would keep them all
+        del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             planner.plan(state),
             versions=versions(),
             options=asdict(self._options),
             iterations=outcome.iterations,
-            solve_seconds=optimiser.solve_seconds - solve,
-            derivative_seconds=optimiser.derivative_seconds - derivatives,
+            solve_seconds=optimizer.solve_seconds - solve,
+            derivative_seconds=optimizer.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
-            solves=tuple(optimiser.solves),
+            solves=tuple(optimizer.solves),
         )
 
     def __getstate__(self) -> dict[str, Any]:
         """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
         kept = {name: value for name, value in self.__dict__.items() if name != "_turn"}
         kept["_at_work"] = False
-        return {**kept, "_optimiser": replace(self._optimiser, _ready={}, solves=[])}
+        return {**kept, "_optimizer": replace(self._optimizer, _ready={}, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _turn=threading.RLock())
 
-    def _window(self, motion: Motion) -> tuple[Window, Pass]:
+    def _window(self, motion: Motion) -> tuple[Window, PlanningRun]:
         count = len(motion.steps)
-        planner = Pass(motion, self._mesh, "horizon", count, self._options, self._optimiser)
+        planner = PlanningRun(motion, self._mesh, "horizon", count, self._options, self._optimizer)
         return planner.window(0, motion.steps, State()), planner

@@ -10,7 +10,7 @@ from .._support.ranges import check
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..problem.motion import Motion
-from ..problem.targets import Held
+from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh, mesh_for
 
 GAUSS_POINTS = 24
@@ -58,7 +58,7 @@ class State:
     x: list[np.ndarray] = field(default_factory=list)
     tip_forces: list[np.ndarray] = field(default_factory=list)
     states: list[np.ndarray] = field(default_factory=list)
-    held: dict[Held, np.ndarray] = field(default_factory=dict)
+    held: dict[HeldDirection, np.ndarray] = field(default_factory=dict)
     auxiliary: np.ndarray | None = None  # the last unloaded optimum
     near: dict[int, np.ndarray] = field(default_factory=dict)
     converged: bool = True

@@ -1,7 +1,7 @@
-"""Plans on disk: labelled, complete, readable by people and programs.
+"""Plans on disk: labeled, complete, readable by people and programs.
 
 A folder holds `summary.json` (how good the plan is), `activations.csv` (for a spreadsheet)
-and `solution.nc` (everything, labelled; opens in xarray, MATLAB, R). The last alone restores
+and `solution.nc` (everything, labeled; opens in xarray, MATLAB, R). The last alone restores
 the plan: problem and anatomy are inside.
 """
 
@@ -69,12 +69,12 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
     _check_saving(plan)
     folder = Path(folder)
     # All of them first, so that a plan that cannot be told leaves the files of the one before.
-    report, labelled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
+    report, labeled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
     table = activations_table(plan)
     set_derived_aside(folder, plan.motion, table)
     write(folder / "activations.csv", table)
     with replacing(folder / SOLUTION) as path:
-        labelled.to_netcdf(path, engine="scipy")
+        labeled.to_netcdf(path, engine="scipy")
     write(folder / "summary.json", report)
 
 
@@ -218,7 +218,7 @@ def finite(value: Any) -> Any:
 
 
 def dataset(plan: Plan) -> xr.Dataset:
-    """The whole plan as labelled arrays."""
+    """The whole plan as labeled arrays."""
     Z = np.linspace(0.0, plan.motion.trunk.length, POINTS)
     data = xr.Dataset(_arrays(plan, Z), _coordinates(plan, Z), _attributes(plan))
     if plan.near:

@@ -27,10 +27,10 @@ GRAVITY = 15
 def interpolate(motion: Motion, values: np.ndarray, t: float) -> np.ndarray:
     """Values at time t in s from those at time steps 0, 1, ...: (steps + 1, n) to (n,).
 
-    "cosine" blends neighbours with zero rate at both; "none" holds the earlier one.
+    "cosine" blends neighbors with zero rate at both; "none" holds the earlier one.
     "hermite" is a cubic Hermite spline over the phase. The paper leaves its slopes open;
     here they are the monotone ones of Fritsch & Butland, so that no value leaves the interval
-    of its neighbours, and zero at the ends of the phase, so that it joins what comes before and
+    of its neighbors, and zero at the ends of the phase, so that it joins what comes before and
     after smoothly and the motion ends at rest. The extension of a segment, a sum over muscles
     that each move at their own pace, may leave its bounds a little between steps (by 0.0035 at
     most in the shipped motions); with "cosine" it cannot.

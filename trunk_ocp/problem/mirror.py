@@ -15,8 +15,8 @@ from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, Vector, vector
 from .built import as_built
-from .motion import Box, Motion, Step, build_motion
-from .targets import Direction, Held, Target
+from .motion import Bounds, Motion, Step, build_motion
+from .targets import Direction, HeldDirection, Target
 from .variants import mirrored_spec
 
 ROUND_OFF = 1e-9  # of the trunk's length, of the largest force and couple, and of activations
@@ -105,7 +105,9 @@ def _numbers(step: Step, length: float, force: float, couple: float) -> np.ndarr
         if target.position is not None and target.position_weight > 0:
             parts.append(np.asarray(target.position) / length)
         parts += [
-            np.asarray(wanted) for _, wanted, _ in target.pairs() if not isinstance(wanted, Held)
+            np.asarray(wanted)
+            for _, wanted, _ in target.pairs()
+            if not isinstance(wanted, HeldDirection)
         ]
     return np.concatenate(parts)
 
@@ -133,7 +135,7 @@ def _target(target: Target) -> Target:
 
 
 def _direction(direction: Direction | None, sign: int) -> Direction | None:
-    if direction is None or isinstance(direction, Held):
+    if direction is None or isinstance(direction, HeldDirection):
         return direction
     return vector(sign * REFLECT * direction)
 
@@ -150,7 +152,7 @@ def _loads(loads: Loads) -> Loads:
     )
 
 
-def _box(trunk: Trunk, box: Box) -> Box:
+def _box(trunk: Trunk, box: Bounds) -> Bounds:
     lower, upper = mirrored_unknowns(trunk, box.lower), mirrored_unknowns(trunk, box.upper)
     lower[-2], upper[-2] = upper[-2], lower[-2]
-    return Box(lower, upper)
+    return Bounds(lower, upper)

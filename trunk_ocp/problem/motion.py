@@ -15,7 +15,7 @@ from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
 from .plausibility import suspicions
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, PhaseSpec, ProblemSpec
-from .targets import Held, Target, all_targets, check_earlier
+from .targets import HeldDirection, Target, all_targets, check_earlier
 from .variants import LONGEST_SHOWN, limited_spec, listed, named_muscles, shifted_spec
 
 HEAD_LIMIT = math.pi / 2  # head angles without bounds of their own
@@ -29,7 +29,7 @@ TOLERANCE = 0.02  # m, of positions for the reference trunk; the default
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Bounds:
     """Lower and upper bounds on the unknowns x = (activations, psi_Z, psi_Y) of a step."""
 
     lower: np.ndarray
@@ -67,9 +67,9 @@ class Step:
     phase: int
     targets: tuple[Target, ...]
     loads: Loads
-    pull: tuple[float, Held] | None
-    box: Box
-    change: Box
+    pull: tuple[float, HeldDirection] | None
+    box: Bounds
+    change: Bounds
     auxiliary: Auxiliary | None
 
     @property
@@ -97,7 +97,7 @@ class Motion:
     phases: tuple[Phase, ...]
     steps: tuple[Step, ...]
     extension: tuple[float, float]
-    box: Box
+    box: Bounds
     """Bounds of the whole motion, that phases narrow."""
     warnings: tuple[str, ...] = ()
     """What looks like a slip in the files: legal, and planned, but worth a look."""
@@ -186,12 +186,12 @@ class Motion:
         return replace(self, spec=limited_spec(self.spec, most, fastest), steps=steps, box=box)
 
     @cached_property
-    def held(self) -> tuple[Held, ...]:
+    def held(self) -> tuple[HeldDirection, ...]:
         """Every direction that some step takes from an earlier one."""
         wanted = {step.pull[1] for step in self.steps if step.pull is not None}
         for step in self.steps:
             for target in step.targets:
-                wanted |= {d for _, d, _ in target.pairs() if isinstance(d, Held)}
+                wanted |= {d for _, d, _ in target.pairs() if isinstance(d, HeldDirection)}
         return tuple(sorted(wanted, key=lambda held: (held.step, held.Z, held.director)))
 
     @property
@@ -206,7 +206,7 @@ class Motion:
         return next((start for start in starts if start is not None), None)
 
 
-def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
+def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Bounds:
     """Bounds on a step's unknowns, around an auxiliary solution `near` if there is one.
 
     Appendix B bounds the auxiliary problem by the step's own box; the main problem then has
@@ -220,10 +220,10 @@ def allowed(motion: Motion, step: Step, near: np.ndarray | None) -> Box:
         lower[:-2], upper[:-2] = motion.box.lower[:-2], motion.box.upper[:-2]
     reach = np.append(np.full(near.size - 2, deviation), [head, head])
     near = np.clip(near, lower, upper)  # Ipopt may end a trifle beyond
-    return Box(np.maximum(lower, near - reach), np.minimum(upper, near + reach))
+    return Bounds(np.maximum(lower, near - reach), np.minimum(upper, near + reach))
 
 
-def _narrowed(box: Box, most: float, trunk: Trunk) -> Box:
+def _narrowed(box: Bounds, most: float, trunk: Trunk) -> Bounds:
     """A box of unknowns with activations, or their changes, cut to -most ... most."""
     size = np.append(np.full(len(trunk.muscles), most), [np.inf, np.inf])
     lower, upper = np.maximum(box.lower, -size), np.minimum(box.upper, size)
@@ -232,7 +232,7 @@ def _narrowed(box: Box, most: float, trunk: Trunk) -> Box:
             f"activation = {most:g}: {trunk.muscles[i]} must be between {box.lower[i]:g} and "
             f"{box.upper[i]:g} in this motion; expected a limit that leaves it some of that."
         )
-    return Box(lower, upper)
+    return Bounds(lower, upper)
 
 
 def problems_folder() -> Path:
@@ -309,9 +309,9 @@ def _box(
     trunk: Trunk,
     spec: LimitsSpec,
     named: dict[str, np.ndarray],
-    outer: Box | None,
+    outer: Bounds | None,
     where: str,
-) -> Box:
+) -> Bounds:
     """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
     count = len(trunk.muscles)
     if outer is None:
@@ -339,10 +339,10 @@ def _box(
         raise InputError(
             f"{where}: {name} may be nowhere; expected bounds that overlap with the motion's."
         )
-    return Box(lower, upper)
+    return Bounds(lower, upper)
 
 
-def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Box:
+def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Bounds:
     """Bounds on the change to step i of a phase; later entries override."""
     upper = np.full(count + 2, np.inf)
     lower = -upper
@@ -354,7 +354,7 @@ def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Box:
         for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
             if pair is not None:
                 lower[index], upper[index] = np.radians(pair)
-    return Box(lower, upper)
+    return Bounds(lower, upper)
 
 
 def _auxiliary(phase: PhaseSpec) -> Auxiliary | None:
@@ -387,12 +387,12 @@ def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
 
 def _pull(
     spec: LoadsSpec, t: float, trunk: Trunk, step: int, where: str
-) -> tuple[float, Held] | None:
+) -> tuple[float, HeldDirection] | None:
     if spec.pull is None:
         return None
     pull = spec.pull
     check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
-    held = Held(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
+    held = HeldDirection(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
     return pull.force * (t if pull.ramp else 1.0), held
 
 

@@ -20,7 +20,7 @@ Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
 
 MOST_STEPS = 1000
-"""Of a motion; all are one programme, which takes minutes and gigabytes beyond."""
+"""Of a motion; all are one NLP, which takes minutes and gigabytes beyond."""
 MOST_POINTS = 100
 """Of a wrap, and targets of a phase: a trunk has no more places than that to steer."""
 MOST_CONTROLS = 50
@@ -344,7 +344,7 @@ class ProblemSpec(Strict):
         if count > MOST_STEPS:
             raise ValueError(
                 f"phases have {count} steps together; expected at most {MOST_STEPS}, which are "
-                "planned as one programme. Split the motion into files"
+                "planned as one NLP. Split the motion into files"
             )
         return self
 

@@ -17,7 +17,7 @@ from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, Vec3, Wa
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldDirection:
     """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
 
     step: int
@@ -25,7 +25,7 @@ class Held:
     director: int
 
 
-Direction = Vector | Held
+Direction = Vector | HeldDirection
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _point(
     for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(wanted, HeldSpec):
             check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(Held(wanted.held_from_step - 1, Z, j))
+            directions.append(HeldDirection(wanted.held_from_step - 1, Z, j))
         else:
             directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
@@ -165,7 +165,7 @@ def _arc(spec: WrapSpec, center: np.ndarray, trunk: Trunk, where: str) -> list[T
     chords = np.diff(points, axis=0)
     if not np.all(np.linalg.norm(chords, axis=1) > 0):
         raise InputError(
-            f"{where}.angles_deg = {list(spec.angles_deg)}: neighbouring points of the wrap "
+            f"{where}.angles_deg = {list(spec.angles_deg)}: neighboring points of the wrap "
             "coincide; expected different angles at both ends."
         )
     return [

@@ -1,6 +1,6 @@
 """Whether an equilibrium of the rod is stable: the second variation of its energy.
 
-Stretch enters the energy as a convex quadratic at each Z, so it can be minimised out there. What
+Stretch enters the energy as a convex quadratic at each Z, so it can be minimized out there. What
 remains under dead loads is a functional of the directors alone, with the force N(Z) known:
 
     Pi = int_0^L zeta_hat (sum_i K_i / (2 mean^2) (u_i - u_hat_i)^2

@@ -24,7 +24,7 @@ RATES = 10  # q', m', r'
 
 @cache
 def rates() -> ca.Function:
-    """Right-hand side (w, p) -> (q', m', r') of the boundary value problem (14), per metre of Z.
+    """Right-hand side (w, p) -> (q', m', r') of the boundary value problem (14), per meter of Z.
 
     w (15): q (4), m (3) in N m; zeta_hat, c (3) in 1/m, mean extension; tip force V (3) in N.
     p (11): f(Z); K_0, K_1, K_2, K_3 of the initial shape; force (3) in N on the section

@@ -67,7 +67,7 @@ def section_scale(trunk: Trunk, shape: Shape) -> np.ndarray:
 def outline(muscle: Muscle) -> np.ndarray:
     """Outline (m, 2) of a muscle's cross-section at Z = 0, in m along d_1 and d_2.
 
-    Counter-clockwise: the outer arc, then the inner one back, or the centre if there is none.
+    Counter-clockwise: the outer arc, then the inner one back, or the center if there is none.
     """
     inner, outer = muscle.radii
     first, second = muscle.sector
@@ -135,7 +135,7 @@ def trunk_body(trunk: Trunk, shape: Shape, sections: int = 120) -> Body:
 
 
 def _band(m: int, hollow: bool) -> np.ndarray:
-    """Triangles (k, 3) that fill an annular sector's outline, or a sector's about its centre."""
+    """Triangles (k, 3) that fill an annular sector's outline, or a sector's about its center."""
     if not hollow:
         fan = np.arange(m - 2)
         return np.stack([fan, fan + 1, np.full_like(fan, m - 1)], axis=-1)

@@ -13,7 +13,7 @@ from ..planning.plan import Plan, Sample
 from ..problem.interpolation import interpolate
 from ..problem.motion import Motion
 from ..problem.problem_file import LogSpec, PhaseSpec, WrapSpec
-from ..problem.targets import Held, Target
+from ..problem.targets import HeldDirection, Target
 from ..rod.statics import Shape
 from .colors import MASS
 
@@ -24,13 +24,13 @@ SLENDERNESS = 12.0  # length by radius of a log of which only the radius is give
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """Something that is moved: its description for the page and its centre (n, 3) in m.
+    """Something that is moved: its description for the page and its center (n, 3) in m.
 
     The description of one that comes and goes has `shown`, n times whether it is there.
     """
 
     description: dict[str, Any]
-    centre: np.ndarray
+    center: np.ndarray
 
 
 def carried(plan: Plan, samples: Sequence[Sample], shape: Shape) -> list[Thing]:
@@ -69,14 +69,14 @@ def _middle(log: LogSpec | None) -> float:
 
 
 def _grips(motion: Motion) -> list[np.ndarray | None]:
-    """Centre of the log's grip at every time step; None where nothing is wrapped."""
+    """Center of the log's grip at every time step; None where nothing is wrapped."""
     return [
         _grip(motion.spec.phases[step.phase].wrap, step.targets, motion) for step in motion.steps
     ]
 
 
 def _grip(wrap: WrapSpec | None, goals: tuple[Target, ...], motion: Motion) -> np.ndarray | None:
-    """Centre of the arc that a step's last targets are on (eqs. 46-48)."""
+    """Center of the arc that a step's last targets are on (eqs. 46-48)."""
     if wrap is None:
         return None
     first = goals[-wrap.points]  # a phase's wrap follows its other targets
@@ -86,7 +86,7 @@ def _grip(wrap: WrapSpec | None, goals: tuple[Target, ...], motion: Motion) -> n
 
 
 def _filled(grips: list[np.ndarray | None], first: np.ndarray) -> np.ndarray:
-    """Centres at every step: where nothing is wrapped, the log stays where it was."""
+    """Centers at every step: where nothing is wrapped, the log stays where it was."""
     rows, last = [], first
     for grip in grips:
         last = last if grip is None else grip
@@ -110,13 +110,13 @@ def _fruit(plan: Plan, samples: Sequence[Sample], shape: Shape) -> Iterator[Thin
     if not held.any():  # a plan that was cut short before
         return
     # It comes off where the tip was last before it hung there.
-    centre, place = at_tip.copy(), at_tip[max(int(np.argmax(held)) - 1, 0)]
+    center, place = at_tip.copy(), at_tip[max(int(np.argmax(held)) - 1, 0)]
     for i, holds in enumerate(held):
         place = at_tip[i] if holds else place
-        centre[i] = place
+        center[i] = place
     shown = (held | (np.arange(len(held)) < np.argmax(held))).tolist()
     fruit = {"kind": "fruit", "radius": radius, "mass": mass, "color": MASS, "shown": shown}
-    yield Thing(fruit, centre)
+    yield Thing(fruit, center)
 
 
 def _holding(
@@ -136,7 +136,7 @@ def arrows(plan: Plan) -> list[dict[str, Any]]:
             at, _ = plan.verification.at(number, goal.Z)
             placed = goal.position is not None and goal.position_weight > 0
             for _, wanted, _ in goal.pairs():
-                if isinstance(wanted, Held):
+                if isinstance(wanted, HeldDirection):
                     way = plan.verification.at(wanted.step, wanted.Z)[1][wanted.director]
                 else:
                     way = np.asarray(wanted)

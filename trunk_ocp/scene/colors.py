@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..model.anatomy import Trunk
 
-# Okabe & Ito's palette, which people with any colour vision tell apart. The elephant's groups by
+# Okabe & Ito's palette, which people with any color vision tell apart. The elephant's groups by
 # name; those of other trunks in the order they appear.
 MUSCLES = {"dl": "#0072B2", "ovo": "#D55E00", "ivo": "#E69F00", "dr": "#009E73", "vr": "#CC79A7"}
 MASS = "#7A3B69"  # what hangs at the tip
@@ -16,8 +16,8 @@ def groups(trunk: Trunk) -> tuple[str, ...]:
     return tuple(dict.fromkeys(muscle.group for muscle in trunk.subdomains))
 
 
-def group_colours(trunk: Trunk) -> dict[str, str]:
-    """Colour "#RRGGBB" of each muscle group of a trunk."""
+def group_colors(trunk: Trunk) -> dict[str, str]:
+    """Color "#RRGGBB" of each muscle group of a trunk."""
     known = {group: MUSCLES[group] for group in groups(trunk) if group in MUSCLES}
     others = [group for group in groups(trunk) if group not in MUSCLES]
     return known | {group: OTHERS[i % len(OTHERS)] for i, group in enumerate(others)}

@@ -56,8 +56,8 @@ def coarse_outline(muscle: Muscle) -> tuple[np.ndarray, np.ndarray]:
     keep = np.unique([*range(0, arc, 2), arc - 1])
     first = np.arange(len(keep) - 1)
     if not hollow:
-        centre = np.full_like(first, len(keep))
-        return section[[*keep, arc]], np.stack([first, first + 1, centre], axis=-1)
+        center = np.full_like(first, len(keep))
+        return section[[*keep, arc]], np.stack([first, first + 1, center], axis=-1)
     back = 2 * len(keep) - 1 - first  # the inner point beside each outer one
     halves = [np.stack([first, first + 1, back], -1), np.stack([first + 1, back - 1, back], -1)]
     return section[[*keep, *(2 * arc - 1 - keep[::-1])]], np.concatenate(halves)
@@ -87,7 +87,7 @@ def _patches(body: Body, flat: np.ndarray) -> np.ndarray:
     """Number of the smooth patch that each triangle (t,) belongs to."""
     triangles = body.triangles
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort(sides.T)  # the two triangles at a side become neighbours
+    order = np.lexsort(sides.T)  # the two triangles at a side become neighbors
     same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
     one, other = order[same] // 3, order[same + 1] // 3
     unit = _unit(flat)

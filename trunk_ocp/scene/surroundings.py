@@ -10,7 +10,7 @@ from ..model.anatomy import Trunk
 from ..planning.plan import Plan
 from ..problem.motion import Motion
 from ..problem.problem_file import WrapSpec
-from ..problem.targets import Held
+from ..problem.targets import HeldDirection
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def log_at(motion: Motion, step: int) -> Log | None:
         return None
     length, offset = _size(motion, wrap)
     center = _wrap_center(motion, step, wrap)
-    # The couple -d W e_X of eq. (54) is that of a weight at a distance d towards -Y.
+    # The couple -d W e_X of eq. (54) is that of a weight at a distance d toward -Y.
     return Log(center - np.array([0.0, offset, 0]), wrap.log_radius, length)
 
 
@@ -82,7 +82,7 @@ def marks(plan: Plan, step: int) -> list[Mark]:
     for target in plan.motion.steps[step].targets:
         directions = []
         for _, wanted, _ in target.pairs():
-            if isinstance(wanted, Held):
+            if isinstance(wanted, HeldDirection):
                 directions.append(at(wanted.step, wanted.Z)[1][wanted.director])
             else:
                 directions.append(np.asarray(wanted))

@@ -22,7 +22,7 @@ def page(data: dict[str, Any]) -> str:
     parts = {
         "title": html.escape(data["title"]),
         "style": _read("viewer/style.css"),
-        "licence": _read("vendor/LICENSE"),
+        "license": _read("vendor/LICENSE"),
         "three": _read("vendor/three.min.js"),
         "data": embedded(data),
         "viewer": "\n".join(_module(name) for name in MODULES),

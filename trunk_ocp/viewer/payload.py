@@ -26,7 +26,7 @@ from ..problem.motion import Motion
 from ..rod.statics import Shape
 from ..scene.body import frames, outline
 from ..scene.carried import arrows, carried, targets
-from ..scene.colors import group_colours
+from ..scene.colors import group_colors
 
 SECTIONS = 48  # cross-sections along the trunk, about
 RATE = 25.0  # samples for each second of motion
@@ -67,7 +67,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
         "head": encoded(np.array([sample.head for sample in samples])),
         "pivot": _pivot(trunk),
         "objects": [
-            {**thing.description, "centre": encoded(thing.centre)}
+            {**thing.description, "center": encoded(thing.center)}
             for thing in carried(plan, samples, shape)
         ],
         "targets": targets(plan),
@@ -146,7 +146,7 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
         "taper": encoded(trunk.taper(grid.Z)),
         "radius": trunk.base_radius,
         "length": trunk.length,
-        "colors": group_colours(trunk),
+        "colors": group_colors(trunk),
         "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
         "cores": [
             {"first": first, "last": last, "radius": _core(trunk, segment)}
@@ -204,7 +204,7 @@ def _pivot(trunk: Trunk) -> dict[str, Any]:
     radius = trunk.head.pivot_radius
     return {
         "radius": radius,
-        "centre": [float(r - radius * s) for r, s in zip(base, rest, strict=True)],
+        "center": [float(r - radius * s) for r, s in zip(base, rest, strict=True)],
     }
 
 

@@ -6,9 +6,9 @@ A new subject is a module with a tuple `CASES`, named here.
 from __future__ import annotations
 
 from . import balance, beams, buckling, convergence, elastica, helices, invariances, limits, trunk
-from .case import Case, Held
+from .case import Case, HeldByTest
 
-CASES: tuple[Case | Held, ...] = (
+CASES: tuple[Case | HeldByTest, ...] = (
     *elastica.CASES,
     *beams.CASES,
     *buckling.CASES,

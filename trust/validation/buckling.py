@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .case import Held
+from .case import HeldByTest
 
 SUBJECT = "Stability"
 
@@ -54,6 +54,6 @@ TESTS = {
 }
 
 CASES = tuple(
-    Held(SUBJECT, name, source, f"tests/test_stability.py::test_{test}")
+    HeldByTest(SUBJECT, name, source, f"tests/test_stability.py::test_{test}")
     for name, (source, test) in TESTS.items()
 )

@@ -64,7 +64,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldByTest:
     """Something that a test of its own holds already, for the page to point at.
 
     `test` is "file::function" below the repository's root.

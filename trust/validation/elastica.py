@@ -42,7 +42,7 @@ HEAVY = [(LEVEL, w) for w in (1.0, 5.0, 20.0, 50.0)] + [(RAISED, w) for w in (1.
 
 
 def tilt(shape: Shape, Z: float) -> float:
-    """Angle of d_3 from +Z towards +X, in radians."""
+    """Angle of d_3 from +Z toward +X, in radians."""
     d3 = shape.directors(np.array([Z]))[0, 2]
     return math.atan2(d3[0], d3[2])
 

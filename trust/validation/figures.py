@@ -41,7 +41,7 @@ def draw_all(folder: Path) -> list[Path]:
 
 
 def write(figure: Figure, path: Path) -> Path:
-    """Write a figure as a PNG of few colours, a quarter of the size and the same to the eye."""
+    """Write a figure as a PNG of few colors, a quarter of the size and the same to the eye."""
     path.parent.mkdir(parents=True, exist_ok=True)
     whole = io.BytesIO()
     figure.savefig(whole, format="png", dpi=150)
@@ -65,9 +65,9 @@ def draw_beams() -> Figure:
     figure, (tip, weight, couple) = panels(
         62, "tip load, $PL^2/EI$ = 1, 2, 5, 10", "own weight, $wL^3/EI$", "couple of one turn, over"
     )
-    for load, colour in zip((1.0, 2.0, 5.0, 10.0), BLUES, strict=True):
+    for load, color in zip((1.0, 2.0, 5.0, 10.0), BLUES, strict=True):
         r = elastica.loaded(load).position(FINE)
-        tip.plot(r[:, 2], -r[:, 0], color=colour)
+        tip.plot(r[:, 2], -r[:, 0], color=color)
     printed = elastica.MATTIASSON[[0, 1, 4, 9]]
     tip.plot(1 - printed[:, 2], -printed[:, 1], label="Mattiasson 1981", **DOTS)
     tip.legend(loc="lower left")
@@ -79,8 +79,8 @@ def draw_beams() -> Figure:
     tips.append(elastica.other_branch()[1])
     for (clamp, load), (x, z, _) in zip(every, tips, strict=True):
         r = elastica.sagging(load, clamp).position(FINE)
-        name, colour = ("level", "#0072B2") if clamp == elastica.LEVEL else ("raised", "#D55E00")
-        weight.plot(r[:, 0], -r[:, 2], color=colour)
+        name, color = ("level", "#0072B2") if clamp == elastica.LEVEL else ("raised", "#D55E00")
+        weight.plot(r[:, 0], -r[:, 2], color=color)
         weight.plot(x, -z, **DOTS)
         weight.annotate(
             f"{name}, {load:g}",
@@ -88,15 +88,15 @@ def draw_beams() -> Figure:
             (0, 4) if x < 0 else (4, -2),
             textcoords="offset points",
             fontsize=6.5,
-            color=colour,
+            color=color,
         )
     weight.margins(x=0.3)
     weight.set_xlabel("horizontal / L")
     weight.set_ylabel("up / L")
 
-    for Z_w, colour in zip((0.6, 0.9, 0.999), BLUES[1:], strict=True):
+    for Z_w, color in zip((0.6, 0.9, 0.999), BLUES[1:], strict=True):
         r = beams.rolled(2 * math.pi, Z_w).position(FINE)
-        couple.plot(r[:, 2], r[:, 0], color=colour, label=f"[{Z_w:g} L, L]")
+        couple.plot(r[:, 2], r[:, 0], color=color, label=f"[{Z_w:g} L, L]")
     ends = beams.roll_up()[1][[0, 1, 3]]
     couple.plot(ends[:, 1], ends[:, 0], **DOTS)
     couple.legend(loc="center")
@@ -110,7 +110,7 @@ def draw_beams() -> Figure:
 def draw_convergence() -> Figure:
     """Errors against elements, a line a degree, measured orders beside them."""
     figure, axes = panels(78, "at element edges: order 2 d", "anywhere: order d + 1")
-    colours = [*MUSCLES.values(), *OTHERS]
+    colors = [*MUSCLES.values(), *OTHERS]
     for axis, place in zip(axes, convergence.PLACES, strict=True):
         for degree in convergence.DEGREES:
             errors = [convergence.error(n, degree, place) for n in convergence.ELEMENTS]
@@ -119,7 +119,7 @@ def draw_convergence() -> Figure:
             axis.loglog(
                 convergence.ELEMENTS[:last],
                 errors[:last],
-                color=colours[degree - 1],
+                color=colors[degree - 1],
                 marker="o",
                 markersize=2.0,
                 label=f"d = {degree}: {measured:.2f}",
@@ -145,14 +145,14 @@ def draw_limits() -> Figure:
     )
     thickness = np.linspace(1e-3, 0.6, 40)
     lines = ((0.0, 0, "-", INK), (0.0, 1, "--", INK), (10.0, 0, "-", FAINT), (10.0, 1, "--", FAINT))
-    for degrees, measure, dash, colour in lines:
+    for degrees, measure, dash, color in lines:
         trunk = untapered(rod(), math.radians(degrees))
         angles = [
             limits.critical_angle(trunk, limits.layer(t, 0.5, trunk), measure) for t in thickness
         ]
         what = ("extension", "bending")[measure]
         angle.plot(
-            thickness, np.degrees(angles), dash, color=colour, label=f"{what}, taper {degrees:g}°"
+            thickness, np.degrees(angles), dash, color=color, label=f"{what}, taper {degrees:g}°"
         )
     trunk = elephant()
     for muscle, (name, extension, bending) in zip(
@@ -160,10 +160,10 @@ def draw_limits() -> Figure:
         limits.oblique_angles(),
         strict=True,
     ):
-        colour, at = MUSCLES[muscle.group], 1 - muscle.radii[0] / muscle.radii[1]
-        angle.plot([at, at], [extension, bending], "o", markersize=3, color=colour)
+        color, at = MUSCLES[muscle.group], 1 - muscle.radii[0] / muscle.radii[1]
+        angle.plot([at, at], [extension, bending], "o", markersize=3, color=color)
         if name == "2-ivo":
-            angle.annotate(name, (at, bending), (at + 0.02, bending - 0.7), color=colour)
+            angle.annotate(name, (at, bending), (at + 0.02, bending - 0.7), color=color)
     angle.axhline(math.degrees(limits.SPECIAL), color=FAINT, linewidth=0.6, linestyle=(0, (4, 3)))
     angle.set_xlabel("thickness / outer radius")
     angle.set_ylabel("degrees")
@@ -173,10 +173,10 @@ def draw_limits() -> Figure:
         (taper, [limits.printed_loss(x, math.pi / 6) for x in sweep]),
         (helix, [limits.printed_loss(math.radians(4.81), x) for x in sweep]),
     ):
-        for column, colour in enumerate(("#0072B2", "#E69F00", "#D55E00")):
+        for column, color in enumerate(("#0072B2", "#E69F00", "#D55E00")):
             errors = np.maximum(np.array(losses)[:, column], 1e-16)
             label = rf"$\delta_{(0, 1, 3)[column]}$"
-            axis.loglog(np.degrees(sweep), errors, color=colour, label=label)
+            axis.loglog(np.degrees(sweep), errors, color=color, label=label)
         axis.set_ylim(5e-17, 10)
         axis.legend(loc="upper center")
     taper.axvline(4.81, color=FAINT, linewidth=0.6, linestyle=(0, (4, 3)))

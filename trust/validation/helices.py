@@ -14,7 +14,7 @@ from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
-from .case import Case, Held, Values, flat
+from .case import Case, HeldByTest, Values, flat
 from .rods import NONE, activation_for, bender, contractions, elephant, heads, wire
 
 SUBJECT = "Helices and torque"
@@ -135,13 +135,13 @@ CASES = (
         "differences at h = 1 mm: round-off 1e-16 / h^2",
         "1/m",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Angle by which a tapered segment turns",
         "-|u| zeta ln(1 - k L) / k",
         "tests/test_unloaded.py::test_a_tapered_segment_turns_by_the_logarithm_of_its_taper",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Torsion of the unloaded centerline",
         "eq. (40), u_3 undivided; Frenet's formula on a Chebyshev fit",

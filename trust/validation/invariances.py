@@ -12,7 +12,7 @@ from trunk_ocp.model.anatomy import build_trunk, read_anatomy
 from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.rod.statics import solve_statics
 
-from .case import Case, Held, Values, flat
+from .case import Case, HeldByTest, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "Invariances"
@@ -156,13 +156,13 @@ CASES = (
         NEWTON,
         "m",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "16 directions of activation that change no loaded shape",
         "null space of the strain map by adaptive quadrature",
         "tests/test_statics.py::test_directions_that_change_no_strain_change_no_loaded_shape",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "|q| = 1 at element edges, however coarse the mesh",
         "Gauss methods keep quadratic invariants (Hairer, Lubich & Wanner, IV.2)",

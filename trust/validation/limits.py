@@ -13,7 +13,7 @@ from trunk_ocp.model.activation import radial_integrals, strain_matrix
 from trunk_ocp.model.anatomy import Muscle, Trunk
 from trunk_ocp.rod.statics import solve_statics
 
-from .case import Case, Held, Values
+from .case import Case, HeldByTest, Values
 from .rods import EVERYTHING, contractions, elephant, heads, rod, untapered
 
 SUBJECT = "Limits of the anatomy"
@@ -298,26 +298,26 @@ CASES = (
         1e-9,
         "what (A.4) loses to cancellation at this taper",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "The same for all 28 muscles, 40 digits",
         "eq. (A.4) by mpmath",
         "tests/test_strain_integrals.py::test_radial_integrals_are_the_closed_forms_a_4",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Where (A.4) is 0/0: taper or helix 0, A = 0, helices to 89 degrees",
         "quadrature by mpmath, 30 digits",
         "tests/test_strain_integrals.py::test_helical_integrals_hold_where_a_4_is_indefinite",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Extension, curvature and twist of all 28 muscles anywhere along the trunk",
         "eqs. (5), (6), (10), (19)-(23), adaptive quadrature over the section",
         "tests/test_strain_integrals.py::"
         "test_extension_and_curvature_are_the_integrals_of_eq_6_anywhere_in_the_segment",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Volume of the activated trunk",
         "frustum of eq. (30), with the 1/L it lacks",

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 from . import elastica, limits
 from .balance import asymmetry_with_couple
-from .case import Case, Held
+from .case import Case, HeldByTest
 
-Cases = Sequence[Case | Held]
+Cases = Sequence[Case | HeldByTest]
 
 HEAD = """# Validation
 
@@ -27,7 +27,7 @@ matrices, adaptive quadrature and scipy's Runge-Kutta codes; it calls nothing of
 LESSONS = """## What did not hold as expected
 
 **The critical helix angle is two angles.** Section 4 of the paper has the effects on extension
-and on both curvatures change sign above one angle for each muscle. Extension weighs fibres by R
+and on both curvatures change sign above one angle for each muscle. Extension weighs fibers by R
 and bending by R squared, so in a layer of any thickness the two part (degrees; both sides alike):
 
 | muscle | extension | bending |
@@ -91,9 +91,9 @@ def text(value: str) -> str:
     return value
 
 
-def cells(case: Case | Held, error: str) -> tuple[str, ...]:
+def cells(case: Case | HeldByTest, error: str) -> tuple[str, ...]:
     """A row of the table."""
-    if isinstance(case, Held):
+    if isinstance(case, HeldByTest):
         file, name = case.test.split("::")
         return text(case.name), text(case.source), "", f"held by `{file}`, `{name}`"
     unit = f"({case.unit})" if "," in case.unit else case.unit
@@ -105,7 +105,8 @@ def table(cases: Cases, errors: Mapping[str, float]) -> list[str]:
     """Lines of a table of some cases."""
     rows = [COLUMNS, ("---",) * len(COLUMNS)]
     rows += [
-        cells(case, "" if isinstance(case, Held) else f"{errors[case.name]:.1e}") for case in cases
+        cells(case, "" if isinstance(case, HeldByTest) else f"{errors[case.name]:.1e}")
+        for case in cases
     ]
     return ["| " + " | ".join(row) + " |" for row in rows]
 

@@ -13,7 +13,7 @@ from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
-from .case import Case, Held, Values, flat
+from .case import Case, HeldByTest, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "The trunk"
@@ -171,19 +171,19 @@ CASES = (
         "what the default mesh promises",
         "m",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Signs of every muscle's effects; their rankings in each segment",
         "the paper, Tables 2 and 3",
         "tests/test_tables.py::test_every_sign_of_table_2",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "Derivatives of the tip by 28 muscles and the head",
         "fourth-order differences of shapes",
         "tests/test_sensitivity.py::test_it_agrees_with_differences_of_shapes",
     ),
-    Held(
+    HeldByTest(
         SUBJECT,
         "The integrator that judges every plan",
         "LSODA and Radau on the second writing",

@@ -22,12 +22,12 @@ from ...model.activation import strain_matrix
 from ...planning.plan import Plan
 from ...problem.motion import allowed
 
-ACCURACY = 1e-9  # of the linear programmes, in activations
+ACCURACY = 1e-9  # of the linear programs, in activations
 ROUND_OFF = 1e-10  # of the strongest effect on strains, that counts as none
 
 
 @dataclass(frozen=True, eq=False)
-class Fibre:
+class ActivationSet:
     """Activations of one segment at consecutive steps that leave the planned strains.
 
     The set {z : strain @ z = target, least <= change @ z <= most, lower <= z <= upper} of
@@ -76,7 +76,7 @@ class Fibre:
         """Activations (steps, muscles) of a point z."""
         return z.reshape(len(self.steps), len(self.muscles))
 
-    def without(self, off: np.ndarray) -> Fibre:
+    def without(self, off: np.ndarray) -> ActivationSet:
         """The part of the set, maybe none, in which some of the plan's muscles stay at rest."""
         silent = np.tile(np.isin(self.muscles, off), len(self.steps))
         return replace(
@@ -86,7 +86,7 @@ class Fibre:
         )
 
 
-def fibres(plan: Plan, joint: bool) -> list[Fibre]:
+def fibers(plan: Plan, joint: bool) -> list[ActivationSet]:
     """Sets of activations with the plan's shapes, whose product is all there are.
 
     Bounds are those the plan itself has to keep (`verify`): in a sequential plan, near the
@@ -112,38 +112,38 @@ def fibres(plan: Plan, joint: bool) -> list[Fibre]:
     count = len(plan.x)
     runs = [np.arange(count)] if joint else [np.array([t]) for t in range(count)]
     segments = range(plan.motion.trunk.segments)
-    found = [_fibre(plan, segment, steps, joint) for segment in segments for steps in runs]
-    return [fibre for fibre in found if len(fibre.muscles)]
+    found = [_fiber(plan, segment, steps, joint) for segment in segments for steps in runs]
+    return [fiber for fiber in found if len(fiber.muscles)]
 
 
-def chains(fibre: Fibre) -> list[Fibre]:
+def chains(fiber: ActivationSet) -> list[ActivationSet]:
     """A set over all steps as a product: cut between steps that no bound on change joins."""
-    size = len(fibre.muscles)
-    joined = np.zeros(len(fibre.steps), dtype=bool)
-    joined[fibre.bounded // size] = True
+    size = len(fiber.muscles)
+    joined = np.zeros(len(fiber.steps), dtype=bool)
+    joined[fiber.bounded // size] = True
     starts = [0, *(t for t in range(1, len(joined)) if not joined[t]), len(joined)]
-    return [_cut(fibre, a, b) for a, b in pairwise(starts)]
+    return [_cut(fiber, a, b) for a, b in pairwise(starts)]
 
 
-def _cut(fibre: Fibre, first: int, last: int) -> Fibre:
+def _cut(fiber: ActivationSet, first: int, last: int) -> ActivationSet:
     """Steps first to last - 1 of a set, if no bound on change joins them to the others."""
-    rank, size = fibre.matrix.shape
+    rank, size = fiber.matrix.shape
     a, b = first * size, last * size
-    inside = (fibre.bounded >= a) & (fibre.bounded < b)
+    inside = (fiber.bounded >= a) & (fiber.bounded < b)
     return replace(
-        fibre,
-        steps=fibre.steps[first:last],
-        target=fibre.target[rank * first : rank * last],
-        difference=fibre.difference[a:b, a:b],
-        bounded=fibre.bounded[inside] - a,
-        least=fibre.least[inside],
-        most=fibre.most[inside],
-        lower=fibre.lower[a:b],
-        upper=fibre.upper[a:b],
+        fiber,
+        steps=fiber.steps[first:last],
+        target=fiber.target[rank * first : rank * last],
+        difference=fiber.difference[a:b, a:b],
+        bounded=fiber.bounded[inside] - a,
+        least=fiber.least[inside],
+        most=fiber.most[inside],
+        lower=fiber.lower[a:b],
+        upper=fiber.upper[a:b],
     )
 
 
-def _fibre(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Fibre:
+def _fiber(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> ActivationSet:
     motion = plan.motion
     trunk = motion.trunk
     muscles = np.flatnonzero([muscle.segment == segment for muscle in trunk.subdomains])
@@ -159,7 +159,7 @@ def _fibre(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Fibre:
     most = np.where(held, [box.upper[muscles] for box in change], np.inf).ravel()
     bounded = np.flatnonzero(np.isfinite(least) | np.isfinite(most))
     dz = (difference @ z)[bounded]
-    return Fibre(
+    return ActivationSet(
         steps,
         muscles,
         matrix,
@@ -184,9 +184,9 @@ def _rows(A: np.ndarray, radius: float) -> np.ndarray:
     return kept
 
 
-def minimise(parts: Sequence[tuple[np.ndarray, Fibre]]) -> list[np.ndarray]:
-    """Points z (n,) of sets at which linear costs (n,) are least: one sparse programme for all."""
-    sets = [fibre for _, fibre in parts]
+def minimize(parts: Sequence[tuple[np.ndarray, ActivationSet]]) -> list[np.ndarray]:
+    """Points z (n,) of sets at which linear costs (n,) are least: one sparse nlp for all."""
+    sets = [fiber for _, fiber in parts]
     inequalities = sp.block_diag([sp.vstack([f.change, -f.change]) for f in sets], format="csr")
     result = linprog(
         np.concatenate([cost for cost, _ in parts]),
@@ -199,5 +199,5 @@ def minimise(parts: Sequence[tuple[np.ndarray, Fibre]]) -> list[np.ndarray]:
         options={"primal_feasibility_tolerance": ACCURACY, "dual_feasibility_tolerance": ACCURACY},
     )
     if result.status != 0:  # each set has the plan in it, and bounds
-        raise AssertionError(f"a linear programme failed: {result.message}")
+        raise AssertionError(f"a linear program failed: {result.message}")
     return np.split(result.x, np.cumsum([len(cost) for cost, _ in parts])[:-1])

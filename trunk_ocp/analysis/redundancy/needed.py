@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...planning.plan import Plan
 from ...planning.planner import plan_motion
 from ...planning.state import Options
-from ...problem.motion import Box, Motion
+from ...problem.motion import Bounds, Motion
 from ...problem.variants import silenced_spec
 from ...reporting import Reporter
 from ..measures import measure
@@ -23,7 +23,7 @@ CHEAP = 1.01
 
 
 @dataclass(frozen=True)
-class Need:
+class AblationResult:
     """What a motion is like without some muscles.
 
     Attributes
@@ -54,7 +54,7 @@ class Need:
     worst_direction_error: float
 
 
-Progress = Callable[[int, int, Need], None]
+Progress = Callable[[int, int, AblationResult], None]
 
 
 def needed(
@@ -63,7 +63,7 @@ def needed(
     workers: int | None = None,
     progress: Progress | None = None,
     reporter: Reporter | None = None,
-) -> tuple[Need, ...]:
+) -> tuple[AblationResult, ...]:
     """How much worse a motion gets without a muscle.
 
     A muscle that can be off at the planned shapes costs no target anything, and no more than
@@ -96,9 +96,9 @@ def needed(
         )
     tasks = list(without or ((name,) for name in plan.motion.trunk.muscles))
     reference = plan.objective.total
-    found: dict[int, Need] = {}
+    found: dict[int, AblationResult] = {}
 
-    def note(number: int, need: Need) -> None:
+    def note(number: int, need: AblationResult) -> None:
         found[number] = need
         if progress is not None:
             progress(len(found), len(tasks), need)
@@ -126,7 +126,7 @@ def needed(
 
 def _replanned(
     start: Plan, muscles: tuple[str, ...], spare: bool, reference: float, reporter: Reporter
-) -> Need:
+) -> AblationResult:
     """Plan again without some muscles, from a plan that may still use them."""
     motion = motion_without(start.motion, muscles)
     options = Options(weights=start.weights)
@@ -138,10 +138,10 @@ def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
     """The same motion with some muscles at rest all the time."""
     off = [motion.trunk.muscles.index(name) for name in muscles]
 
-    def silenced(box: Box) -> Box:
+    def silenced(box: Bounds) -> Bounds:
         lower, upper = box.lower.copy(), box.upper.copy()
         lower[off] = upper[off] = 0.0
-        return Box(lower, upper)
+        return Bounds(lower, upper)
 
     steps = tuple(replace(step, box=silenced(step.box)) for step in motion.steps)
     spec = silenced_spec(motion.spec, muscles)
@@ -156,9 +156,9 @@ def pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names) for names in found.values())
 
 
-def _need(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float) -> Need:
+def _need(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float) -> AblationResult:
     figures = measure(plan)
-    return Need(
+    return AblationResult(
         muscles=muscles,
         spare=spare,
         status=plan.status.name.lower(),

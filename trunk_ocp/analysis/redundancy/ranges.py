@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...planning.plan import Plan
-from .activation_sets import Fibre, chains, fibres, minimise
+from .activation_sets import ActivationSet, chains, fibers, minimize
 from .variants import can_be_off
 
 NARROW = 1e-3
@@ -20,13 +20,13 @@ An interior-point solver leaves up to some 4e-3 in muscles that could rest. The 
 that in them, so to hold them exactly takes as much: noise of the solver, no need of the task.
 """
 ALTOGETHER = 3000
-"""Unknowns of one linear programme, where several small ones are solved as one."""
+"""Unknowns of one linear program, where several small ones are solved as one."""
 
 
 def ranges(plan: Plan, joint: bool = False) -> np.ndarray:
     """Smallest and largest activation of each muscle that leave every shape as it is.
 
-    Exact, by linear programmes. The head angles stay as planned.
+    Exact, by linear programs. The head angles stay as planned.
 
     Parameters
     ----------
@@ -45,23 +45,23 @@ def ranges(plan: Plan, joint: bool = False) -> np.ndarray:
         If the plan is not a verified one of all time steps.
     """
     found = np.repeat(plan.activations[..., None], 2, axis=-1)
-    sets = fibres(plan, joint)
+    sets = fibers(plan, joint)
     if joint:
-        sets = [chain for fibre in sets for chain in chains(fibre)]
+        sets = [chain for fiber in sets for chain in chains(fiber)]
     wanted = [(f, k, sign) for f in sets for k in range(len(f.lower)) for sign in (1.0, -1.0)]
     while wanted:
-        sizes = np.cumsum([len(fibre.lower) for fibre, _, _ in wanted])
+        sizes = np.cumsum([len(fiber.lower) for fiber, _, _ in wanted])
         count = max(int(np.searchsorted(sizes, ALTOGETHER, side="right")), 1)
         now, wanted = wanted[:count], wanted[count:]
-        points = minimise([(_unit(fibre, k, sign), fibre) for fibre, k, sign in now])
-        for (fibre, k, sign), z in zip(now, points, strict=True):
-            step, muscle = divmod(k, len(fibre.muscles))
-            found[fibre.steps[step], fibre.muscles[muscle], int(sign < 0)] = z[k]
+        points = minimize([(_unit(fiber, k, sign), fiber) for fiber, k, sign in now])
+        for (fiber, k, sign), z in zip(now, points, strict=True):
+            step, muscle = divmod(k, len(fiber.muscles))
+            found[fiber.steps[step], fiber.muscles[muscle], int(sign < 0)] = z[k]
     return found
 
 
-def _unit(fibre: Fibre, k: int, sign: float) -> np.ndarray:
-    cost = np.zeros(len(fibre.lower))
+def _unit(fiber: ActivationSet, k: int, sign: float) -> np.ndarray:
+    cost = np.zeros(len(fiber.lower))
     cost[k] = sign
     return cost
 
@@ -125,7 +125,7 @@ def freedom(plan: Plan) -> Freedom:
         If the plan is not a verified one of all time steps.
     """
     alone = ranges(plan)
-    bounded = any(len(fibre.bounded) for fibre in fibres(plan, joint=True))
+    bounded = any(len(fiber.bounded) for fiber in fibers(plan, joint=True))
     joint = ranges(plan, joint=True) if bounded else alone
     off = [can_be_off(plan, (name,)) for name in plan.motion.trunk.muscles]
     return Freedom(alone, joint, np.array(off, dtype=bool))

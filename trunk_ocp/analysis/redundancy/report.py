@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...planning.plan import Plan, squared_rate
-from .needed import Need
+from .needed import AblationResult
 from .ranges import NARROW, Freedom, freedom
 from .variants import fewest_muscles, least_cost, least_effort, least_peak
 
@@ -22,14 +22,14 @@ class Redundancy:
     versions : dict
         The same motion by other activations: "plan" itself, "least cost" (by the planner's
         weights), "least effort", "least peak", "fewest muscles".
-    needs : tuple of Need
+    needs : tuple of AblationResult
         What the motion is like without each muscle; empty if nobody asked.
     """
 
     plan: Plan
     freedom: Freedom
     versions: dict[str, Plan]
-    needs: tuple[Need, ...] = ()
+    needs: tuple[AblationResult, ...] = ()
 
 
 def redundancy(plan: Plan) -> Redundancy:

@@ -2,7 +2,7 @@
 
 The same at every time step, to round-off. In between, it is where interpolation is linear in the
 activations ("cosine", "none"); the monotone slopes of "hermite" are not, and shapes differ by some
-millimetres there.
+millimeters there.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
 from ...errors import InputError
 from ...planning.plan import Plan
-from .activation_sets import ACCURACY, Fibre, fibres
+from .activation_sets import ACCURACY, ActivationSet, fibers
 
 # A dual active-set method: ends at the exact vertex of the active bounds, and tells an empty
 # set from one that is merely narrow. Its own tolerance for a violated bound is 1e-6.
@@ -28,7 +28,7 @@ EMPTY = (0, -1)  # DAQP's words for a set without points: seen at once, or on th
 def least_effort(plan: Plan, off: Collection[str] = ()) -> Plan:
     """The same shapes with the least sum of squared activations over all steps.
 
-    Unique, as the problem is strictly convex: a quadratic programme for each segment.
+    Unique, as the problem is strictly convex: a quadratic program for each segment.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def least_effort(plan: Plan, off: Collection[str] = ()) -> Plan:
         the motion is impossible without the muscles `off`.
     """
     silent = _indices(plan, off)
-    return _chosen(plan, lambda fibre: _least(plan, fibre.without(silent)))
+    return _chosen(plan, lambda fiber: _least(plan, fiber.without(silent)))
 
 
 def least_cost(plan: Plan, off: Collection[str] = ()) -> Plan:
@@ -55,14 +55,14 @@ def least_cost(plan: Plan, off: Collection[str] = ()) -> Plan:
         raise InputError("weights: expected an effort above 0, which makes the choice unique.")
     return _chosen(
         plan,
-        lambda fibre: _least(plan, fibre.without(silent), weights.rate / weights.effort),
+        lambda fiber: _least(plan, fiber.without(silent), weights.rate / weights.effort),
     )
 
 
 def least_peak(plan: Plan) -> Plan:
     """The same shapes with the least largest activation, segment by segment.
 
-    Of all with the smallest peak over the motion (a linear programme), that of least effort.
+    Of all with the smallest peak over the motion (a linear program), that of least effort.
 
     Raises
     ------
@@ -70,11 +70,11 @@ def least_peak(plan: Plan) -> Plan:
         If the plan is not a verified one of all time steps.
     """
 
-    def lowered(fibre: Fibre) -> np.ndarray | None:
+    def lowered(fiber: ActivationSet) -> np.ndarray | None:
         # Round-off in the peak must not leave the set empty.
-        peak = _smallest_peak(fibre) + ACCURACY
-        lower, upper = np.maximum(fibre.lower, -peak), np.minimum(fibre.upper, peak)
-        return _least(plan, replace(fibre, lower=lower, upper=upper))
+        peak = _smallest_peak(fiber) + ACCURACY
+        lower, upper = np.maximum(fiber.lower, -peak), np.minimum(fiber.upper, peak)
+        return _least(plan, replace(fiber, lower=lower, upper=upper))
 
     return _chosen(plan, lowered)
 
@@ -90,7 +90,7 @@ def fewest_muscles(plan: Plan) -> Plan:
     InputError
         If the plan is not a verified one of all time steps.
     """
-    return _chosen(plan, lambda fibre: _fewest(plan, fibre))
+    return _chosen(plan, lambda fiber: _fewest(plan, fiber))
 
 
 def can_be_off(plan: Plan, muscles: Collection[str]) -> bool:
@@ -102,8 +102,8 @@ def can_be_off(plan: Plan, muscles: Collection[str]) -> bool:
         If the plan is not a verified one of all time steps, or a name is none of the trunk's.
     """
     silent = _indices(plan, muscles)
-    touched = (f for f in fibres(plan, joint=True) if np.isin(f.muscles, silent).any())
-    return all(_least(plan, fibre.without(silent)) is not None for fibre in touched)
+    touched = (f for f in fibers(plan, joint=True) if np.isin(f.muscles, silent).any())
+    return all(_least(plan, fiber.without(silent)) is not None for fiber in touched)
 
 
 def _indices(plan: Plan, names: Collection[str]) -> np.ndarray:
@@ -114,32 +114,32 @@ def _indices(plan: Plan, names: Collection[str]) -> np.ndarray:
     return np.array([known.index(name) for name in names], dtype=int)
 
 
-def _chosen(plan: Plan, choose: Callable[[Fibre], np.ndarray | None]) -> Plan:
+def _chosen(plan: Plan, choose: Callable[[ActivationSet], np.ndarray | None]) -> Plan:
     """The plan with activations chosen anew in every segment."""
     x = plan.x.copy()
-    for fibre in fibres(plan, joint=True):
-        z = choose(fibre)
+    for fiber in fibers(plan, joint=True):
+        z = choose(fiber)
         if z is None:
             raise InputError(
-                f"{plan.motion.name}: segment {_segment(plan, fibre)} cannot keep its shapes "
+                f"{plan.motion.name}: segment {_segment(plan, fiber)} cannot keep its shapes "
                 "without these muscles; switch fewer off."
             )
-        x[fibre.where] = fibre.table(z)
+        x[fiber.where] = fiber.table(z)
     return replace(plan, x=x)
 
 
-def _segment(plan: Plan, fibre: Fibre) -> int:
-    return plan.motion.trunk.subdomains[int(fibre.muscles[0])].segment + 1
+def _segment(plan: Plan, fiber: ActivationSet) -> int:
+    return plan.motion.trunk.subdomains[int(fiber.muscles[0])].segment + 1
 
 
-def _least(plan: Plan, fibre: Fibre, rate: float = 0.0) -> np.ndarray | None:
+def _least(plan: Plan, fiber: ActivationSet, rate: float = 0.0) -> np.ndarray | None:
     """Point of least |z|^2 + rate * integral of |dz/dt|^2 in a set; None if the set is empty."""
-    duration = np.array([plan.motion.steps[t].duration for t in fibre.steps.tolist()])
-    per_change = sp.diags_array(np.repeat(rate / duration, len(fibre.muscles)))
-    D = fibre.difference
-    hessian = sp.csc_array(sp.eye_array(len(fibre.lower)) + D.T @ per_change @ D)
-    rows = sp.csc_array(sp.vstack([fibre.strain, fibre.change]))
-    if np.any(fibre.lower > fibre.upper):
+    duration = np.array([plan.motion.steps[t].duration for t in fiber.steps.tolist()])
+    per_change = sp.diags_array(np.repeat(rate / duration, len(fiber.muscles)))
+    D = fiber.difference
+    hessian = sp.csc_array(sp.eye_array(len(fiber.lower)) + D.T @ per_change @ D)
+    rows = sp.csc_array(sp.vstack([fiber.strain, fiber.change]))
+    if np.any(fiber.lower > fiber.upper):
         return None
     h, a = _matrix(hessian / np.abs(hessian).max()), _matrix(rows)
     shape = {"h": h.sparsity(), "a": a.sparsity()}
@@ -147,72 +147,72 @@ def _least(plan: Plan, fibre: Fibre, rate: float = 0.0) -> np.ndarray | None:
     result = solver(
         h=h,
         a=a,
-        lba=np.concatenate([fibre.target, fibre.least]),
-        uba=np.concatenate([fibre.target, fibre.most]),
-        lbx=fibre.lower,
-        ubx=fibre.upper,
+        lba=np.concatenate([fiber.target, fiber.least]),
+        uba=np.concatenate([fiber.target, fiber.most]),
+        lbx=fiber.lower,
+        ubx=fiber.upper,
     )
     stats = solver.stats()
     if not stats["success"]:
         if stats["return_status"] not in EMPTY:
-            raise AssertionError(f"a quadratic programme failed: {stats['return_status']}")
+            raise AssertionError(f"a quadratic program failed: {stats['return_status']}")
         return None
     # Bounds hold to round-off only; an activation of 1e-17 on the wrong side is none.
-    return np.clip(np.array(result["x"]).ravel(), fibre.lower, fibre.upper)
+    return np.clip(np.array(result["x"]).ravel(), fiber.lower, fiber.upper)
 
 
 def _matrix(matrix: sp.csc_array) -> ca.DM:
     return ca.DM(sp.csc_matrix(matrix))
 
 
-def _smallest_peak(fibre: Fibre) -> float:
+def _smallest_peak(fiber: ActivationSet) -> float:
     """Least largest |z| in a set."""
-    n, k = len(fibre.lower), len(fibre.bounded)
+    n, k = len(fiber.lower), len(fiber.bounded)
     one, none = np.ones((n, 1)), np.zeros((k, 1))
     unit = sp.eye_array(n)
     below = sp.block_array(
-        [[unit, -one], [-unit, -one], [fibre.change, none], [-fibre.change, none]]
+        [[unit, -one], [-unit, -one], [fiber.change, none], [-fiber.change, none]]
         if k
         else [[unit, -one], [-unit, -one]]
     )
     result = linprog(
         np.append(np.zeros(n), 1.0),
         A_ub=below,
-        b_ub=np.concatenate([np.zeros(2 * n), fibre.most, -fibre.least]),
-        A_eq=sp.hstack([fibre.strain, sp.csr_array((len(fibre.target), 1))]),
-        b_eq=fibre.target,
-        bounds=[*zip(fibre.lower, fibre.upper, strict=True), (0.0, None)],
+        b_ub=np.concatenate([np.zeros(2 * n), fiber.most, -fiber.least]),
+        A_eq=sp.hstack([fiber.strain, sp.csr_array((len(fiber.target), 1))]),
+        b_eq=fiber.target,
+        bounds=[*zip(fiber.lower, fiber.upper, strict=True), (0.0, None)],
         method="highs",
         options={"primal_feasibility_tolerance": 1e-10},
     )
     return float(result.fun)
 
 
-def _fewest(plan: Plan, fibre: Fibre) -> np.ndarray:
+def _fewest(plan: Plan, fiber: ActivationSet) -> np.ndarray:
     """Point of least effort with the fewest muscles of a set.
 
     Muscles are tried in the smallest sets that are not known to be too few. One that is too few
     is filled up as far as it stays so: of the muscles then missing, one has to work. Which sets
-    those leave is a small integer programme, and no bound has to be turned into a big number.
+    those leave is a small integer nlp, and no bound has to be turned into a big number.
     """
-    size = len(fibre.muscles)
+    size = len(fiber.muscles)
     missing: list[np.ndarray] = []
     while True:
         works = _smallest(missing, size)
-        z = _with(plan, fibre, works)
+        z = _with(plan, fiber, works)
         if z is not None:
             return z
         for muscle in np.flatnonzero(~works):
             more = works.copy()
             more[muscle] = True
-            if _with(plan, fibre, more) is None:
+            if _with(plan, fiber, more) is None:
                 works = more
         missing.append(~works)
 
 
-def _with(plan: Plan, fibre: Fibre, works: np.ndarray) -> np.ndarray | None:
+def _with(plan: Plan, fiber: ActivationSet, works: np.ndarray) -> np.ndarray | None:
     """Point of least effort in which no other muscles of a set work; None if there is none."""
-    return _least(plan, fibre.without(fibre.muscles[~works]))
+    return _least(plan, fiber.without(fiber.muscles[~works]))
 
 
 def _smallest(groups: list[np.ndarray], size: int) -> np.ndarray:

@@ -1,5 +1,5 @@
 // The code of muscle groups, and cividis for the size of activation: both can be told apart with
-// any colour vision.
+// any color vision.
 
 // Without its darkest fifth, in which the shape of a body at rest would be lost.
 const CIVIDIS = [
@@ -7,12 +7,12 @@ const CIVIDIS = [
   "#9C9376", "#B3A570", "#CBB866", "#E4CC56", "#FEE838",
 ];
 
-/** Colour of every muscle group that occurs, by name; the page is told the code of all figures. */
+/** Color of every muscle group that occurs, by name; the page is told the code of all figures. */
 export function groupColors(plans) {
   return new Map(plans.flatMap((plan) => Object.entries(plan.trunk.colors)));
 }
 
-/** Colour, as a number, of a share from 0 to 1 of the largest activation. */
+/** Color, as a number, of a share from 0 to 1 of the largest activation. */
 export function activationColor(share) {
   const at = Math.min(Math.max(share, 0), 1) * (CIVIDIS.length - 1);
   const i = Math.min(Math.floor(at), CIVIDIS.length - 2);

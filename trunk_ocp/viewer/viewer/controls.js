@@ -44,7 +44,7 @@ export function addMuscleChoices(select, plans) {
   for (const name of names) select.add(new Option(name, name));
 }
 
-/** Legend of the colours by activation. */
+/** Legend of the colors by activation. */
 export function drawLegend(largest) {
   byId("gradient").style.background = activationGradient();
   [0, largest / 2, largest].forEach((value, i) => {

@@ -18,7 +18,7 @@ function decodedPlan(plan) {
     frames: { position: floats(position), quaternion: floats(quaternion), scale: floats(scale) },
     activation: floats(plan.activation),
     head: floats(plan.head),
-    objects: plan.objects.map((thing) => ({ ...thing, centre: floats(thing.centre) })),
+    objects: plan.objects.map((thing) => ({ ...thing, center: floats(thing.center) })),
   };
 }
 

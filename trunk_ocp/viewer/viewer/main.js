@@ -16,8 +16,8 @@ const clock = new Clock(Math.max(...plans.map((plan) => plan.duration)), draw);
 /** What is shown, and how: scene and plots dress after it. */
 const look = {
   hidden: new Set(), // keys of groups and sides
-  // With a muscle up to the centre there is no inner tissue to see: the skin says what is trunk.
-  parts: { core: true, skin: reachCentre(plans), head: true, targets: true, objects: true },
+  // With a muscle up to the center there is no inner tissue to see: the skin says what is trunk.
+  parts: { core: true, skin: reachCenter(plans), head: true, targets: true, objects: true },
   colorBy: "activation",
   colors: groupColors(plans),
   largest: Math.max(...activationRange(plans).map(Math.abs)),
@@ -56,7 +56,7 @@ function openStage() {
   }
 }
 
-function reachCentre(plans) {
+function reachCenter(plans) {
   return plans.some(({ trunk }) => trunk.cores.some(({ radius }) => radius === 0));
 }
 

@@ -15,7 +15,7 @@ const TARGET = {
 const ARROW = { color: 0xcc0055, length: 0.1, radius: 0.01 };
 const PIVOT = 0.01;
 
-/** The scene of a plan; `show(time)` moves it, `dress(look)` colours and hides. */
+/** The scene of a plan; `show(time)` moves it, `dress(look)` colors and hides. */
 export class PlanScene {
   constructor(plan) {
     this.plan = plan;
@@ -64,13 +64,13 @@ export class PlanScene {
     }
     const instant = instantAt(this.plan, t);
     this.objects.forEach((mesh, i) => {
-      placeObject(mesh, this.plan.objects[i].centre, instant);
+      placeObject(mesh, this.plan.objects[i].center, instant);
       mesh.visible = (this.look?.parts.objects ?? true) && isThere(this.plan.objects[i], instant);
     });
     markTargets(this.targets, this.plan, t);
     turnArrows(this.arrows, this.plan, t);
     this.turnHead(instant);
-    if (this.look) this.colour(instant);
+    if (this.look) this.color(instant);
   }
 
   move(mesh) {
@@ -104,7 +104,7 @@ export class PlanScene {
     for (const mesh of this.objects) mesh.visible = look.parts.objects;
   }
 
-  colour(instant) {
+  color(instant) {
     const { colorBy, colors, largest } = this.look;
     const count = this.muscles.length;
     this.muscles.forEach((mesh, i) => {
@@ -134,7 +134,7 @@ function solid(color) {
   return new THREE.MeshLambertMaterial({ color });
 }
 
-/** A solid that lines its edges: neighbours of one colour are told apart, at no cost in meshes. */
+/** A solid that lines its edges: neighbors of one color are told apart, at no cost in meshes. */
 function lined() {
   const material = solid(0xffffff);
   material.onBeforeCompile = (shader) => {
@@ -186,8 +186,8 @@ function objectMesh({ kind, radius, length, color }) {
   return new THREE.Mesh(geometry, solid(color ?? COLORS[kind]));
 }
 
-function placeObject(mesh, centre, instant) {
-  mesh.position.set(...[0, 1, 2].map((c) => mixed(centre, 3, c, instant)));
+function placeObject(mesh, center, instant) {
+  mesh.position.set(...[0, 1, 2].map((c) => mixed(center, 3, c, instant)));
 }
 
 /** A mass that has been let go is gone. */
@@ -249,9 +249,9 @@ function turnArrows(mesh, { arrows, trunk }, t) {
 }
 
 /** The sphere that the base moves on, with the circles that show how the head has turned. */
-function headGroup({ centre, radius }, dot) {
+function headGroup({ center, radius }, dot) {
   const group = new THREE.Group();
-  group.position.set(...centre);
+  group.position.set(...center);
   if (radius <= 0) return group;
   const { head: color } = COLORS;
   const ball = new THREE.MeshLambertMaterial({

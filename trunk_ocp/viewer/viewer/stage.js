@@ -68,12 +68,12 @@ export class Stage {
   /** Put the camera where the whole motion is in view. */
   reset() {
     const { width, height } = this.views[0];
-    const { centre } = this.bounds;
+    const { center } = this.bounds;
     const { wide, high, deep } = this.extent();
     const slope = Math.tan((FIELD * Math.PI) / 360);
     const distance = Math.max(high, (wide * height) / width) / slope + 0.45 * deep;
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(direction(DIRECTION), 1.04 * distance);
+    this.controls.target.copy(center);
+    this.camera.position.copy(center).addScaledVector(direction(DIRECTION), 1.04 * distance);
     this.controls.update();
     this.fitted = this.camera.position.clone();
     this.onChange();
@@ -85,8 +85,8 @@ export class Stage {
     const length = Math.min(Math.max(arm.length() * zoom, this.nearest), this.farthest);
     const azimuth = Math.atan2(arm.x, arm.z) + across;
     const elevation = Math.min(Math.max(Math.asin(arm.y / arm.length()) + up, -1.5), 1.5);
-    const towards = direction({ azimuth, elevation });
-    this.camera.position.copy(this.controls.target).addScaledVector(towards, length);
+    const toward = direction({ azimuth, elevation });
+    this.camera.position.copy(this.controls.target).addScaledVector(toward, length);
     this.controls.update();
   }
 
@@ -177,7 +177,7 @@ function direction({ azimuth, elevation }) {
   return new THREE.Vector3().setFromSphericalCoords(1, Math.PI / 2 - elevation, azimuth);
 }
 
-/** Centre and half size of the box around everything that is ever seen. */
+/** Center and half size of the box around everything that is ever seen. */
 function bounds(plans) {
   const low = new THREE.Vector3(Infinity, Infinity, Infinity);
   const high = low.clone().negate();
@@ -191,9 +191,9 @@ function bounds(plans) {
   };
   for (const { trunk, frames, objects, pivot } of plans) {
     all(frames.position, 0.7 * trunk.radius);
-    add(...pivot.centre, pivot.radius);
-    for (const { centre, radius } of objects) all(centre, radius);
+    add(...pivot.center, pivot.radius);
+    for (const { center, radius } of objects) all(center, radius);
   }
   const half = high.clone().sub(low).divideScalar(2);
-  return { centre: low.add(half), half };
+  return { center: low.add(half), half };
 }

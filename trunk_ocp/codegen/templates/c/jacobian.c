@@ -46,7 +46,7 @@ static int respond(trunk_work *work)
     double base[7], slopes[14];
     if (!work->found) return TRUNK_NOT_FOUND;
     if (work->responded) return TRUNK_OK;
-    if (!linearise(work)) {
+    if (!linearize(work)) {
         trunk_reset(work);
         return TRUNK_NOT_FOUND;
     }

@@ -3,8 +3,8 @@
 #define MOST_STEPS 40 /* from one start */
 #define SMALLEST_LOAD_STEP 1e-4
 
-/* Linearise all elements at the shape in the work; 0 if that cannot be solved. */
-static int linearise(trunk_work *work)
+/* Linearize all elements at the shape in the work; 0 if that cannot be solved. */
+static int linearize(trunk_work *work)
 {
     work->linear = 0;
     clear(work->by_start[0][0], 3 * ENDS);
@@ -57,7 +57,7 @@ static void hand_on(trunk_work *work, int e, double residual[TRUNK_Q], const dou
     for (int i = 0; i < 7; i++) add(to, from[i], a->map[i]);
 }
 
-/* One step of Newton's method with the linearisation at hand; returns its relative size. */
+/* One step of Newton's method with the linearization at hand; returns its relative size. */
 static double correct(trunk_work *work, const double base[7])
 {
     trunk_shape *shape = &work->shape;
@@ -100,7 +100,7 @@ static double correct(trunk_work *work, const double base[7])
 }
 
 /*
- * Newton's method from the shape in the work; whether it converged. A linearisation is kept while
+ * Newton's method from the shape in the work; whether it converged. A linearization is kept while
  * steps shrink fast with it: near the last shape no new one is needed, and the first step is
  * then the first-order prediction from that shape.
  */
@@ -112,10 +112,10 @@ static int newton(trunk_work *work)
     for (int step = 0; step < MOST_STEPS && work->steps_left > 0; step++) {
         double size, error;
         work->steps_left--;
-        if (renew && !linearise(work)) return 0;
+        if (renew && !linearize(work)) return 0;
         size = correct(work, base);
         if (!(size < 1e6)) return 0;
-        /* The error left: quadratic after a new linearisation, in proportion with an old one. */
+        /* The error left: quadratic after a new linearization, in proportion with an old one. */
         error = renew ? 1e3 * size * size : step ? size * (size / last) : size;
         if (error < 1e-13) return 1;
         renew = size > 0.1 * last;

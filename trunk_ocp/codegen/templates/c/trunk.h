@@ -164,7 +164,7 @@ typedef struct {
 
 struct trunk_work {
     int found;      /* whether shape is an equilibrium */
-    int linear;     /* whether the elements hold a linearisation, perhaps at an older shape */
+    int linear;     /* whether the elements hold a linearization, perhaps at an older shape */
     int responded;  /* whether response is that of shape */
     int steps_left; /* of Newton's method, in this call */
     double strain[TRUNK_SEGMENTS][4];

@@ -220,7 +220,7 @@ def _raise_load(x, inside, index):
 
 
 def _step(x, inside):
-    """One step of Newton's method: states that solve the equations linearised at `inside`."""
+    """One step of Newton's method: states that solve the equations linearized at `inside`."""
     _, value, slopes = _rates(x, inside)
     start = _kernel(base_slopes, x[:, INPUTS["head"]], np.empty(0), (7,), (7, 2))[0]
     forcing = value - np.einsum("...ij,...j->...i", slopes[..., :7], inside)

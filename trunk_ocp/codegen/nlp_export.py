@@ -1,4 +1,4 @@
-"""The programme of a motion for other solvers: objective, constraints, sparse derivatives.
+"""The NLP of a motion for other solvers: objective, constraints, sparse derivatives.
 
 Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled library as it is:
 
@@ -10,7 +10,7 @@ Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled 
     nlp_hess_l  (x, p, lam_f, lam_g)  ->  upper triangle of the Hessian of lam_f f + lam_g . g
 
 The motion's parameters are inside; p is a change of them, zero if left out. Lengths are in units
-of L, moments in E I(0) / L, as in `nlp.window`; `programme_layout` says what is what.
+of L, moments in E I(0) / L, as in `nlp.window`; `nlp_export_layout` says what is what.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ import casadi as ca
 import numpy as np
 
 from ..errors import InputError
-from ..nlp.ipopt import Optimiser
+from ..nlp.ipopt import Optimizer
 from ..nlp.window import Window
-from ..planning.planning_run import Pass
+from ..planning.planning_run import PlanningRun
 from ..planning.state import Options, State, first_mesh
 from .foreign import in_comment
-from .programme_layout import layout
+from .nlp_export_layout import layout
 from .request import Request
 from .running import build_mex, in_a_copy, run, run_octave, tool
 from .texts import template
 
-CHECK = "programme_check.csv"
+CHECK = "nlp_check.csv"
 ROOM = 0.05
-"""How far the random point of the check file is from the start, in the programme's units."""
+"""How far the random point of the check file is from the start, in the NLP's units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exported:
-    """A motion's programme as the planner makes it for a horizon, and the passive trunk in it."""
+    """A motion's NLP as the planner makes it for a horizon, and the passive trunk in it."""
 
     window: Window
     start: np.ndarray
@@ -54,10 +54,10 @@ class Exported:
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """The six functions by name."""
-        programme = self.window.programme
-        x, p = ca.MX.sym("x", programme.size[0]), ca.MX.sym("p", self.window.parameters.size)
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.size[1])
-        at, problem, first = [x, ca.DM(self.window.parameters) + p], programme.nlp(), ["x", "p"]
+        nlp = self.window.nlp
+        x, p = ca.MX.sym("x", nlp.size[0]), ca.MX.sym("p", self.window.parameters.size)
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.size[1])
+        at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.nlp(), ["x", "p"]
         both = ca.Function("both", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
         f, g = both.call(at, True, False)
         made = [
@@ -65,7 +65,7 @@ class Exported:
             ca.Function("nlp_f", [x, p], [f], first, ["f"]),
             ca.Function("nlp_g", [x, p], [g], first, ["g"]),
         ]
-        for known in programme.derivatives().values():
+        for known in nlp.derivatives().values():
             more = [lam_f, lam_g] if known.n_in() == 4 else []
             outputs = known.call([*at, *more], True, False)
             names = known.name_in(), known.name_out()
@@ -78,16 +78,16 @@ class Exported:
         return self.window.bounds
 
     def checks(self) -> str:
-        """The check file: what `Programme` itself gives at the start and at a random point.
+        """The check file: what `SeparableNLP` itself gives at the start and at a random point.
 
         A line for each: x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of
         the Hessian, column by column.
         """
-        programme, p = self.window.programme, self.window.parameters
-        derivatives, rng = programme.derivatives(), np.random.default_rng(0)
+        nlp, p = self.window.nlp, self.window.parameters
+        derivatives, rng = nlp.derivatives(), np.random.default_rng(0)
         lines = []
         for x in (self.start, self.start + ROOM * rng.normal(size=self.start.size)):
-            lam = rng.normal(size=1 + programme.size[1])
+            lam = rng.normal(size=1 + nlp.size[1])
             f, gradient = derivatives["grad_f"](x, p)
             g, jacobian = derivatives["jac_g"](x, p)
             hessian = derivatives["hess_lag"](x, p, lam[0], lam[1:])
@@ -107,8 +107,8 @@ class Exported:
         }
 
 
-def export_programme(request: Request) -> Exported:
-    """The programme of a request's motion.
+def export_nlp(request: Request) -> Exported:
+    """The NLP of a request's motion.
 
     Raises
     ------
@@ -122,8 +122,8 @@ def export_programme(request: Request) -> Exported:
             "has constraints. Name one, such as pick-fruit."
         )
     options = Options()
-    whole = Pass(
-        motion, first_mesh(motion, options), "horizon", len(motion.steps), options, Optimiser()
+    whole = PlanningRun(
+        motion, first_mesh(motion, options), "horizon", len(motion.steps), options, Optimizer()
     )
     window = whole.window(0, motion.steps, State())
     passive = np.zeros((len(motion.steps), whole.unknowns))
@@ -133,9 +133,9 @@ def export_programme(request: Request) -> Exported:
 # --- formats -------------------------------------------------------------------------
 
 
-def write_programme_casadi(request: Request) -> dict[str, str | bytes]:
+def write_nlp_casadi(request: Request) -> dict[str, str | bytes]:
     """One CasADi file for each of nlp and its derivatives, and programs that load them."""
-    exported = export_programme(request)
+    exported = export_nlp(request)
     made: dict[str, str | bytes] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in ("nlp", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l"):
@@ -147,38 +147,38 @@ def write_programme_casadi(request: Request) -> dict[str, str | bytes]:
     return made | exported.tables()
 
 
-def write_programme_c(request: Request) -> dict[str, str | bytes]:
+def write_nlp_c(request: Request) -> dict[str, str | bytes]:
     """C99 by CasADi's code generator, bounds and start as arrays, example, check, CMake file."""
-    exported = export_programme(request)
+    exported = export_nlp(request)
     made = _c_files(exported)
     for name in ("example.c", "check.c", "CMakeLists.txt"):
         made[name] = _template(name, exported)
     return made | exported.tables()
 
 
-def write_programme_mex(request: Request) -> dict[str, str | bytes]:
+def write_nlp_mex(request: Request) -> dict[str, str | bytes]:
     """A MEX gateway to the C export, its help, example and check.
 
     CasADi's own gateway would need 3.4 MB of stack for pick-fruit, and a macro in Octave.
     """
-    exported = export_programme(request)
+    exported = export_nlp(request)
     made = _c_files(exported)
-    for name in ("programme_mex.c", "programme.m", "programme_example.m", "check.m"):
+    for name in ("nlp_mex.c", "nlp.m", "nlp_example.m", "check.m"):
         made[name] = _template(name, exported)
     return made | exported.tables()
 
 
 def _c_files(exported: Exported) -> dict[str, str | bytes]:
-    """programme.c, programme.h and programme_data.c."""
+    """nlp.c, nlp.h and nlp_data.c."""
     with tempfile.TemporaryDirectory() as folder:
         # Canonical: a full matrix, too, says where its nonzeros are, so that readers need no case.
         options = {"with_header": True, "force_canonical": True}
-        generator = ca.CodeGenerator("programme.c", options)
+        generator = ca.CodeGenerator("nlp.c", options)
         for function in exported.functions.values():
             generator.add(function)
         generator.generate(f"{folder}/")
-        code, header = (Path(folder, f"programme.{end}").read_text() for end in "ch")
-    head = _template("programme.h", exported)
+        code, header = (Path(folder, f"nlp.{end}").read_text() for end in "ch")
+    head = _template("nlp.h", exported)
     arrays = {
         "lower": exported.bounds["lbx"],
         "upper": exported.bounds["ubx"],
@@ -186,24 +186,24 @@ def _c_files(exported: Exported) -> dict[str, str | bytes]:
         "row_lower": exported.bounds["lbg"],
         "row_upper": exported.bounds["ubg"],
     }
-    data = [f"const double programme_{name}[] = {{{_c(v)}}};\n" for name, v in arrays.items()]
+    data = [f"const double nlp_{name}[] = {{{_c(v)}}};\n" for name, v in arrays.items()]
     return {
-        "programme.c": _template("programme.c", exported) + code,
-        "programme.h": head.replace("/* CasADi's declarations */\n", header),
-        "programme_data.c": _template("programme_data.c", exported) + "\n".join(data),
+        "nlp.c": _template("nlp.c", exported) + code,
+        "nlp.h": head.replace("/* CasADi's declarations */\n", header),
+        "nlp_data.c": _template("nlp_data.c", exported) + "\n".join(data),
     }
 
 
 def _template(name: str, exported: Exported) -> str:
-    """A fixed file, with what differs from programme to programme filled in."""
-    text = template(f"programme/{name}")
+    """A fixed file, with what differs from NLP to NLP filled in."""
+    text = template(f"nlp/{name}")
     window = exported.window
     known = {
         "NAME": in_comment(exported.name),
         "VERSION": version("trunk_ocp"),
         "STEPS": len(window.steps),
-        "UNKNOWNS": window.programme.size[0],
-        "ROWS": window.programme.size[1],
+        "UNKNOWNS": window.nlp.size[0],
+        "ROWS": window.nlp.size[1],
         "PARAMETERS": window.parameters.size,
         "LENGTH": repr(float(window.length)),
         "MOMENT": repr(float(window.moment)),
@@ -229,7 +229,7 @@ def _c(values: np.ndarray) -> str:
 # --- checks --------------------------------------------------------------------------
 
 
-def check_programme_casadi(folder: Path) -> str:
+def check_nlp_casadi(folder: Path) -> str:
     """Run the check of a CasADi export; what it printed.
 
     Raises
@@ -241,7 +241,7 @@ def check_programme_casadi(folder: Path) -> str:
         return run([sys.executable, "check.py"], copy)
 
 
-def check_programme_c(folder: Path) -> str:
+def check_nlp_c(folder: Path) -> str:
     """Compile a C export with all warnings as errors, and run its check; what it printed.
 
     Raises
@@ -252,12 +252,12 @@ def check_programme_c(folder: Path) -> str:
     compiler = tool("cc", "a C compiler", "apt-get install gcc")
     strict = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
     with in_a_copy(folder) as copy:
-        sources = ["check.c", "programme.c", "programme_data.c"]
+        sources = ["check.c", "nlp.c", "nlp_data.c"]
         run([compiler, *strict, "-o", "check", *sources, "-lm"], copy)
         return run([str(copy / "check")], copy)
 
 
-def check_programme_mex(folder: Path) -> str:
+def check_nlp_mex(folder: Path) -> str:
     """Compile a MEX export and run its check in Octave; what it printed.
 
     Raises
@@ -266,5 +266,5 @@ def check_programme_mex(folder: Path) -> str:
         If it disagrees with the check file, or Octave or its compiler is missing.
     """
     with in_a_copy(folder) as copy:
-        build_mex(copy, "programme", ["programme_mex.c", "programme.c", "programme_data.c"])
+        build_mex(copy, "nlp", ["nlp_mex.c", "nlp.c", "nlp_data.c"])
         return run_octave(copy, "check")

@@ -1,4 +1,4 @@
-"""What each unknown, constraint row and parameter of an exported programme is.
+"""What each unknown, constraint row and parameter of an exported NLP is.
 
 A layout is for strangers: ranges of consecutive indices with a name, a time step, points Z and
 components, each with the factor that brings it to SI units.
@@ -15,11 +15,11 @@ import numpy as np
 
 from ..nlp.nlp_builder import Block
 from ..nlp.point_functions import squared_direction, squared_held_direction
-from ..nlp.separable_nlp import Programme
+from ..nlp.separable_nlp import SeparableNLP
 from ..nlp.window import Window
 
 ABOUT = (
-    "Minimise f(x) subject to lower <= x <= upper and lower <= g(x) <= upper. Ranges of x, g and p "
+    "Minimize f(x) subject to lower <= x <= upper and lower <= g(x) <= upper. Ranges of x, g and p "
     "start at the index `first`, from 0; the last of their axes are `components`. An unknown or a "
     "row times the `scale` of its component is in the component's `unit`. Steps count from 1; "
     "step 0 is the known trunk before the motion. All bounds, and x to start from, are in "
@@ -54,8 +54,8 @@ class Range:
 
 
 def layout(window: Window, name: str) -> dict[str, Any]:
-    """Layout of a window's programme, as JSON has it."""
-    variables, rows = window.programme.size
+    """Layout of a window's NLP, as JSON has it."""
+    variables, rows = window.nlp.size
     kinds = components(window)
     return {
         "about": ABOUT,
@@ -190,9 +190,9 @@ PARAMETERS = {
 
 def _parameters(window: Window) -> Iterator[dict[str, Any]]:
     """Where the parameters of each term are: places one after the other."""
-    programme, first = window.programme, 0
+    nlp, first = window.nlp, 0
     step, Z = _whereabouts(window)
-    for term, steps in zip(programme.terms, _steps(programme, window, step), strict=True):
+    for term, steps in zip(nlp.terms, _steps(nlp, window, step), strict=True):
         count = term.parameters.shape[0]
         if count == 0:
             continue
@@ -222,7 +222,7 @@ def _director(function: Any) -> int | None:
 
 def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Time step of each unknown, from 1, and its Z; NaN where it has none."""
-    count, kinds = window.programme.size[0], components(window)
+    count, kinds = window.nlp.size[0], components(window)
     step, Z = np.zeros(count, int), np.full(count, np.nan)
     lists = {
         "element edges": np.array(window.mesh.edges),
@@ -237,12 +237,12 @@ def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
     return step, Z
 
 
-def _steps(programme: Programme, window: Window, step: np.ndarray) -> Iterator[np.ndarray]:
+def _steps(nlp: SeparableNLP, window: Window, step: np.ndarray) -> Iterator[np.ndarray]:
     """Time step of each place of each term: the last one that it, or its rows, belong to."""
-    of_row = np.zeros(1 + programme.size[1], int)  # row 0 is the objective
+    of_row = np.zeros(1 + nlp.size[1], int)  # row 0 is the objective
     for block in window.blocks:
         of_row[block.rows] = 1 + (window.offset if block.step is None else block.step)
-    for term in programme.terms:
+    for term in nlp.terms:
         scatter = term.scatter.tocoo()
         own = step[term.variables].max(axis=0)
         np.maximum.at(own, scatter.col // term.function.size1_out(0), of_row[scatter.row])

@@ -1,12 +1,12 @@
-/* Evaluates every function of the programme at its start: sizes, nonzeros, values, times.
+/* Evaluates every function of the NLP at its start: sizes, nonzeros, values, times.
  *
- *     cc -std=c99 -O2 -o example example.c programme.c programme_data.c -lm && ./example
+ *     cc -std=c99 -O2 -o example example.c nlp.c nlp_data.c -lm && ./example
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
-#include "programme.h"
+#include "nlp.h"
 
 typedef int evaluation(const double **, double **, casadi_int *, double *, int);
 
@@ -42,18 +42,18 @@ static double timed(evaluation *evaluate, const double **arg, double **res, size
 int main(void) {
   size_t in_jacobian = nonzeros(nlp_jac_g_sparsity_out(1));
   size_t in_hessian = nonzeros(nlp_hess_l_sparsity_out(0));
-  double f, lam_f = 1.0, *g = room(PROGRAMME_ROWS), *gradient = room(PROGRAMME_UNKNOWNS);
+  double f, lam_f = 1.0, *g = room(NLP_ROWS), *gradient = room(NLP_UNKNOWNS);
   double *jacobian = room(in_jacobian), *hessian = room(in_hessian), seconds;
 
   /* Inputs and outputs of each call; a function works in what is left of its own arrays. */
-  const double *of_f[nlp_grad_f_SZ_ARG] = {programme_start, NULL};
-  const double *of_g[nlp_jac_g_SZ_ARG] = {programme_start, NULL};
-  const double *of_h[nlp_hess_l_SZ_ARG] = {programme_start, NULL, &lam_f, NULL};
+  const double *of_f[nlp_grad_f_SZ_ARG] = {nlp_start, NULL};
+  const double *of_g[nlp_jac_g_SZ_ARG] = {nlp_start, NULL};
+  const double *of_h[nlp_hess_l_SZ_ARG] = {nlp_start, NULL, &lam_f, NULL};
   double *to_f[nlp_grad_f_SZ_RES] = {&f, gradient};
   double *to_g[nlp_jac_g_SZ_RES] = {g, jacobian};
   double *to_h[nlp_hess_l_SZ_RES] = {hessian};
 
-  printf("%d unknowns, %d constraints\n", PROGRAMME_UNKNOWNS, PROGRAMME_ROWS);
+  printf("%d unknowns, %d constraints\n", NLP_UNKNOWNS, NLP_ROWS);
   seconds = timed(nlp_grad_f, of_f, to_f, nlp_grad_f_SZ_W);
   printf("objective %.12g, with its gradient in %.3f ms\n", f, 1e3 * seconds);
   seconds = timed(nlp_jac_g, of_g, to_g, nlp_jac_g_SZ_W);

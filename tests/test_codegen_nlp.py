@@ -1,4 +1,4 @@
-"""The exported programme is the planner's: its values, its derivatives, its names, its optimum."""
+"""The exported NLP is the planner's: its values, its derivatives, its names, its optimum."""
 
 import json
 import re
@@ -13,7 +13,7 @@ import pytest
 from plans import first_steps
 
 from trunk_ocp import Loads, solve_statics
-from trunk_ocp.codegen import programme
+from trunk_ocp.codegen import nlp_export as nlp
 from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
 from trunk_ocp.codegen.running import build_mex, run_octave
@@ -21,9 +21,9 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
 
 WRITERS = {
-    "casadi": (programme.write_programme_casadi, programme.check_programme_casadi),
-    "c": (programme.write_programme_c, programme.check_programme_c),
-    "mex": (programme.write_programme_mex, programme.check_programme_mex),
+    "casadi": (nlp.write_nlp_casadi, nlp.check_nlp_casadi),
+    "c": (nlp.write_nlp_c, nlp.check_nlp_c),
+    "mex": (nlp.write_nlp_mex, nlp.check_nlp_mex),
 }
 # Differences of order 8 with a step of 3e-3: about h^8 = 1e-20 times a ninth derivative, and
 # round-off 1e-16 / h; the bar of the issue is far above both.
@@ -81,7 +81,7 @@ def differences(function, x):
 
 
 @pytest.mark.parametrize("to", WRITERS)
-def test_an_export_gives_the_programmes_own_numbers_in_its_own_world(to, tmp_path):
+def test_an_export_gives_the_nlps_own_numbers_in_its_own_world(to, tmp_path):
     folder = saved(exported(to), tmp_path / to)
     before = sorted(path.name for path in folder.iterdir())
     said = WRITERS[to][1](folder).split()
@@ -93,7 +93,7 @@ def test_an_export_gives_the_programmes_own_numbers_in_its_own_world(to, tmp_pat
 def test_a_check_notices_one_wrong_number(tmp_path):
     to = "casadi"  # which is checked the quickest
     folder = saved(exported(to), tmp_path / to)
-    path = folder / "programme_check.csv"
+    path = folder / "nlp_check.csv"
     first, *rest = path.read_text().splitlines()
     numbers = first.split(",")
     numbers[-1] = repr(float(numbers[-1]) + 1e-3)  # the Hessian's last nonzero
@@ -149,7 +149,7 @@ def test_example_and_check_run_without_a_fault_of_memory(tmp_path):
     folder = saved(exported("c"), tmp_path / "c")
     flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
     for program in ("example", "check"):
-        sources = [f"{program}.c", "programme.c", "programme_data.c"]
+        sources = [f"{program}.c", "nlp.c", "nlp_data.c"]
         built = [tool("gcc"), *flags, "-o", program, *sources, "-lm"]
         subprocess.run(built, cwd=folder, check=True)
         watched = [tool("valgrind"), "-q", "--leak-check=full", "--error-exitcode=9"]
@@ -167,7 +167,7 @@ def test_the_cmake_file_builds_and_its_test_passes(tmp_path):
 def test_a_name_cannot_end_a_comment(tmp_path):
     odd = request()
     odd = Request(odd.model, odd.what, "*/ int main; /* %d\\", motion=odd.motion)
-    assert "int main" in (head := programme.write_programme_c(odd)["programme.c"][:80])
+    assert "int main" in (head := nlp.write_nlp_c(odd)["nlp.c"][:80])
     assert "*/" not in head
     assert "\\" not in head
 
@@ -177,14 +177,14 @@ def test_a_name_cannot_end_a_comment(tmp_path):
 
 def test_the_gateway_says_what_is_wrong_with_a_call(tmp_path):
     folder = saved(exported("mex"), tmp_path / "mex")
-    build_mex(folder, "programme", ["programme_mex.c", "programme.c", "programme_data.c"])
-    assert "unknowns" in run_octave(folder, "programme_example")
+    build_mex(folder, "nlp", ["nlp_mex.c", "nlp.c", "nlp_data.c"])
+    assert "unknowns" in run_octave(folder, "nlp_example")
     for call, fault in {
-        "programme()": "expected a name first",
-        "programme('nlp_h', 1)": "no such function",
-        "programme('nlp_f')": "expected 1 to 2 inputs",
-        "programme('nlp_f', [1 2 3])": "nlp_f: expected x as",
-        "programme('pattern', 'nlp_f')": "no such function",
+        "nlp()": "expected a name first",
+        "nlp('nlp_h', 1)": "no such function",
+        "nlp('nlp_f')": "expected 1 to 2 inputs",
+        "nlp('nlp_f', [1 2 3])": "nlp_f: expected x as",
+        "nlp('pattern', 'nlp_f')": "no such function",
     }.items():
         with pytest.raises(CheckError, match=re.escape(fault)):
             run_octave(folder, call)
@@ -206,12 +206,12 @@ OPTIMUM = 1e-6
 
 def test_the_compiled_library_alone_leads_a_solver_to_the_planners_optimum(tmp_path):
     folder = saved(exported("c"), tmp_path / "c")
-    sources = ["-o", "programme.so", "programme.c", "programme_data.c"]
+    sources = ["-o", "nlp.so", "nlp.c", "nlp_data.c"]
     subprocess.run([tool("gcc"), "-O1", "-shared", "-fPIC", *sources], cwd=folder, check=True)
     lower, upper, start = table(folder, "unknowns.csv")
     low, high = table(folder, "rows.csv")
     options = {"no_nlp_grad": True, "calc_lam_p": False, "ipopt.mu_init": 1e-6}
-    solver = ca.nlpsol("solver", "ipopt", str(folder / "programme.so"), options)
+    solver = ca.nlpsol("solver", "ipopt", str(folder / "nlp.so"), options)
     found = solver(x0=start, lbx=lower, ubx=upper, lbg=low, ubg=high)
     assert solver.stats()["success"]
     assert float(found["f"]) == pytest.approx(planned_objective(), rel=OPTIMUM)
@@ -289,7 +289,7 @@ def test_moving_the_targets_by_their_parameters_is_moving_the_motions_targets(tm
             change[indices(known, part)[:, :3]] = offset
     moved = request()
     moved = Request(moved.model, moved.what, "moved", motion=moved.motion.shifted(offset))
-    other = programme.export_programme(moved).functions["nlp"]
+    other = nlp.export_nlp(moved).functions["nlp"]
     f, g = functions["nlp"](x, change)
     expected_f, expected_g = other(x, 0)
     assert float(f) == pytest.approx(float(expected_f), rel=1e-12)  # round-off

@@ -1,6 +1,6 @@
-/* The motion @NAME@ as a nonlinear programme, exported by trunk_ocp @VERSION@.
+/* The motion @NAME@ as an NLP, exported by trunk_ocp @VERSION@.
  *
- *     minimise f(x)  subject to  lower <= x <= upper  and  row_lower <= g(x) <= row_upper
+ *     minimize f(x)  subject to  lower <= x <= upper  and  row_lower <= g(x) <= row_upper
  *
  * @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of
  * @LENGTH@ m, forces of @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2.
@@ -31,21 +31,21 @@
  * nlp_jac_g_sparsity_out(1) says where they are, as (rows, columns, where each column starts in
  * the list - columns + 1 numbers -, row of each nonzero).
  *
- * To build: cc -O2 -c programme.c programme_data.c, or CMakeLists.txt; example.c calls them all.
+ * To build: cc -O2 -c nlp.c nlp_data.c, or CMakeLists.txt; example.c calls them all.
  * From CasADi, the shared library is a problem for nlpsol as it is:
  *
  *     options = {"no_nlp_grad": True, "calc_lam_p": False}
- *     solver = casadi.nlpsol("solver", "ipopt", "./libprogramme.so", options)
+ *     solver = casadi.nlpsol("solver", "ipopt", "./libnlp.so", options)
  *
  * A first barrier of 1e-6 (ipopt.mu_init) keeps Ipopt near its start; its own 0.1 leaves it, and
  * ends in worse optima.
  */
-#ifndef TRUNK_PROGRAMME_H
-#define TRUNK_PROGRAMME_H
+#ifndef TRUNK_NLP_H
+#define TRUNK_NLP_H
 
-#define PROGRAMME_UNKNOWNS @UNKNOWNS@
-#define PROGRAMME_ROWS @ROWS@
-#define PROGRAMME_PARAMETERS @PARAMETERS@
+#define NLP_UNKNOWNS @UNKNOWNS@
+#define NLP_ROWS @ROWS@
+#define NLP_PARAMETERS @PARAMETERS@
 
 /* CasADi's declarations */
 
@@ -54,11 +54,11 @@ extern "C" {
 #endif
 
 /* Bounds of x, the passive trunk to start from, and bounds of g; INFINITY where there is none. */
-extern const double programme_lower[PROGRAMME_UNKNOWNS];
-extern const double programme_upper[PROGRAMME_UNKNOWNS];
-extern const double programme_start[PROGRAMME_UNKNOWNS];
-extern const double programme_row_lower[PROGRAMME_ROWS];
-extern const double programme_row_upper[PROGRAMME_ROWS];
+extern const double nlp_lower[NLP_UNKNOWNS];
+extern const double nlp_upper[NLP_UNKNOWNS];
+extern const double nlp_start[NLP_UNKNOWNS];
+extern const double nlp_row_lower[NLP_ROWS];
+extern const double nlp_row_upper[NLP_ROWS];
 
 #ifdef __cplusplus
 }

@@ -1,13 +1,13 @@
-/* MEX gateway to the programme of the motion @NAME@, exported by trunk_ocp @VERSION@.
- * programme.m says how to call it. To build, in MATLAB or in a shell for Octave:
+/* MEX gateway to the NLP of the motion @NAME@, exported by trunk_ocp @VERSION@.
+ * nlp.m says how to call it. To build, in MATLAB or in a shell for Octave:
  *
- *     mex -output programme programme_mex.c programme.c programme_data.c
- *     mkoctfile --mex -o programme.mex programme_mex.c programme.c programme_data.c
+ *     mex -output nlp nlp_mex.c nlp.c nlp_data.c
+ *     mkoctfile --mex -o nlp.mex nlp_mex.c nlp.c nlp_data.c
  */
 #include <string.h>
 
 #include "mex.h"
-#include "programme.h"
+#include "nlp.h"
 
 typedef struct {
   const char *name;
@@ -34,11 +34,11 @@ typedef struct {
   int count;
 } table;
 
-static const table tables[] = {{"lower", programme_lower, PROGRAMME_UNKNOWNS},
-                               {"upper", programme_upper, PROGRAMME_UNKNOWNS},
-                               {"start", programme_start, PROGRAMME_UNKNOWNS},
-                               {"row_lower", programme_row_lower, PROGRAMME_ROWS},
-                               {"row_upper", programme_row_upper, PROGRAMME_ROWS}};
+static const table tables[] = {{"lower", nlp_lower, NLP_UNKNOWNS},
+                               {"upper", nlp_upper, NLP_UNKNOWNS},
+                               {"start", nlp_start, NLP_UNKNOWNS},
+                               {"row_lower", nlp_row_lower, NLP_ROWS},
+                               {"row_upper", nlp_row_upper, NLP_ROWS}};
 
 /* The numbers of an input, or NULL (zeros) for []. */
 static const double *numbers(const function *f, int i, const mxArray *given) {
@@ -116,7 +116,7 @@ void mexFunction(int nlhs, mxArray *plhs[], int nrhs, const mxArray *prhs[]) {
   char name[32], of[32];
   size_t i;
   if (nrhs < 1 || mxGetString(prhs[0], name, sizeof name)) {
-    mexErrMsgIdAndTxt("trunk:usage", "expected a name first; see: help programme");
+    mexErrMsgIdAndTxt("trunk:usage", "expected a name first; see: help nlp");
   }
   for (i = 0; i < sizeof tables / sizeof *tables; i++) {
     if (strcmp(name, tables[i].name)) continue;
@@ -125,7 +125,7 @@ void mexFunction(int nlhs, mxArray *plhs[], int nrhs, const mxArray *prhs[]) {
     return;
   }
   if (!strcmp(name, "pattern") && (nrhs != 2 || mxGetString(prhs[1], of, sizeof of))) {
-    mexErrMsgIdAndTxt("trunk:usage", "expected programme('pattern', 'nlp_jac_g' or 'nlp_hess_l')");
+    mexErrMsgIdAndTxt("trunk:usage", "expected nlp('pattern', 'nlp_jac_g' or 'nlp_hess_l')");
   }
   for (i = 0; i < sizeof functions / sizeof *functions; i++) {
     if (!strcmp(name, functions[i].name)) {
@@ -137,5 +137,5 @@ void mexFunction(int nlhs, mxArray *plhs[], int nrhs, const mxArray *prhs[]) {
       return;
     }
   }
-  mexErrMsgIdAndTxt("trunk:usage", "'%s': no such function; see: help programme", name);
+  mexErrMsgIdAndTxt("trunk:usage", "'%s': no such function; see: help nlp", name);
 }

@@ -1,4 +1,4 @@
-"""Compare the loaded functions with programme_check.csv: python check.py.
+"""Compare the loaded functions with nlp_check.csv: python check.py.
 
 A line of that file is: x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of
 the Hessian.
@@ -23,7 +23,7 @@ def main() -> int:
     n, m = gradient.size1_in("x"), jacobian.size1_out("g")
     sizes = [n, 1, m, n, jacobian.nnz_out(1), 1, m, hessian.nnz_out(0)]
     errors, scales = np.zeros(5), np.zeros(5)
-    for line in np.loadtxt(HERE / "programme_check.csv", delimiter=",", ndmin=2):
+    for line in np.loadtxt(HERE / "nlp_check.csv", delimiter=",", ndmin=2):
         x, f, g, slope, J, lam_f, lam_g, H = np.split(line, np.cumsum(sizes)[:-1])
         first, second = gradient(x=x), jacobian(x=x)
         curved = hessian(x=x, lam_f=lam_f, lam_g=lam_g)["triu_hess_gamma_x_x"]
@@ -33,7 +33,7 @@ def main() -> int:
             scales[i] = max(scales[i], np.abs(expected).max())
     shares = errors / np.where(scales > 0, scales, 1.0)
     for name, share in zip(NAMES, shares, strict=True):
-        print(f"programme {name} {share:.1e}")
+        print(f"nlp {name} {share:.1e}")
     return 0 if np.all(shares <= BAR) else 1
 
 

@@ -1,13 +1,13 @@
-/* Compares the programme's functions with programme_check.csv, whose lines are:
+/* Compares the NLP's functions with nlp_check.csv, whose lines are:
  * x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of the Hessian.
  *
- *     cc -std=c99 -O2 -o check check.c programme.c programme_data.c -lm && ./check
+ *     cc -std=c99 -O2 -o check check.c nlp.c nlp_data.c -lm && ./check
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "programme.h"
+#include "nlp.h"
 
 #define BAR 1e-10 /* of the largest expected value of a block */
 
@@ -48,7 +48,7 @@ static void compare(block *b, const double *ours, const double *expected, size_t
 }
 
 int main(void) {
-  const size_t n = PROGRAMME_UNKNOWNS, m = PROGRAMME_ROWS;
+  const size_t n = NLP_UNKNOWNS, m = NLP_ROWS;
   const size_t jac = nonzeros(nlp_jac_g_sparsity_out(1));
   const size_t hess = nonzeros(nlp_hess_l_sparsity_out(0));
   const size_t length = 2 * n + 2 * m + 2 + jac + hess;
@@ -59,9 +59,9 @@ int main(void) {
                     {"jacobian", 0, 0}, {"hessian", 0, 0}};
   casadi_int iw[1];
   int lines = 0, bad = 0;
-  FILE *file = fopen("programme_check.csv", "r");
+  FILE *file = fopen("nlp_check.csv", "r");
   if (!file) {
-    perror("programme_check.csv");
+    perror("nlp_check.csv");
     return 2;
   }
   while (read_numbers(file, line, length)) {
@@ -86,7 +86,7 @@ int main(void) {
   fclose(file);
   for (int i = 0; i < 5; i++) {
     double share = blocks[i].scale > 0 ? blocks[i].error / blocks[i].scale : blocks[i].error;
-    printf("programme %s %.1e\n", blocks[i].name, share);
+    printf("nlp %s %.1e\n", blocks[i].name, share);
     bad |= !(share <= BAR);
   }
   free(line);
