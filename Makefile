@@ -38,7 +38,7 @@ oldest:
 	  --constraint requirements-oldest.txt --editable '.[fast,jax,onnx,symbolic]' $(TORCH) \
 	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-	  $(OLDEST)/bin/python -m pytest --numprocesses=2 -W ignore --ignore tests/test_page.py
+	  $(OLDEST)/bin/python -m pytest --numprocesses=2 -W ignore --ignore tests/viewer/test_page.py
 
 motion: venv
 	$(BIN)/solve-motion pick-fruit

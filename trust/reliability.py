@@ -58,11 +58,12 @@ instants against a two-point solution in scipy, with the loads that the paper pr
 **Validation** ([docs/validation.md](validation.md)): closed forms, published figures, balances,
 symmetries and limits, each to a tolerance with its reason.
 
-Beyond these, tests/test_faults.py and tests/test_hostile.py hold, one by one: a full disk at every
-writer, a folder that cannot be written, two runs into one folder, a missing linear solver, compiler
-or font, locales with comma decimals, output in ASCII, no terminal, a closed pipe, devices and pipes
-in place of files, code in file contents. tests/test_determinism.py: the same bits whatever the
-thread settings, hash seed, folder or what was planned before.
+Beyond these, tests/cli/test_faults.py and tests/cli/test_hostile.py hold, one by one: a full disk
+at every writer, a folder that cannot be written, two runs into one folder, a missing linear
+solver, compiler or font, locales with comma decimals, output in ASCII, no terminal, a closed
+pipe, devices and pipes in place of files, code in file contents.
+tests/planning/test_determinism.py: the same bits whatever the thread settings, hash seed, folder
+or what was planned before.
 
 ## How a plan can end
 

@@ -54,6 +54,6 @@ TESTS = {
 }
 
 CASES = tuple(
-    HeldByTest(SUBJECT, name, source, f"tests/test_stability.py::test_{test}")
+    HeldByTest(SUBJECT, name, source, f"tests/rod/test_buckling.py::test_{test}")
     for name, (source, test) in TESTS.items()
 )

@@ -139,12 +139,12 @@ CASES = (
         SUBJECT,
         "Angle by which a tapered segment turns",
         "-|u| zeta ln(1 - k L) / k",
-        "tests/test_unloaded.py::test_a_tapered_segment_turns_by_the_logarithm_of_its_taper",
+        "tests/rod/test_unloaded.py::test_a_tapered_segment_turns_by_the_logarithm_of_its_taper",
     ),
     HeldByTest(
         SUBJECT,
         "Torsion of the unloaded centerline",
         "eq. (40), u_3 undivided; Frenet's formula on a Chebyshev fit",
-        "tests/test_activation.py::test_torsion_is_that_of_the_unloaded_centerline",
+        "tests/model/test_activation.py::test_torsion_is_that_of_the_unloaded_centerline",
     ),
 )

@@ -160,12 +160,12 @@ CASES = (
         SUBJECT,
         "16 directions of activation that change no loaded shape",
         "null space of the strain map by adaptive quadrature",
-        "tests/test_statics.py::test_directions_that_change_no_strain_change_no_loaded_shape",
+        "tests/rod/test_statics.py::test_directions_that_change_no_strain_change_no_loaded_shape",
     ),
     HeldByTest(
         SUBJECT,
         "|q| = 1 at element edges, however coarse the mesh",
         "Gauss methods keep quadratic invariants (Hairer, Lubich & Wanner, IV.2)",
-        "tests/test_collocation.py::test_quaternions_are_unit_at_the_edges_of_the_coarsest_mesh",
+        "tests/rod/test_collocation.py::test_quaternions_are_unit_at_the_edges_of_the_coarsest_mesh",
     ),
 )

@@ -302,25 +302,25 @@ CASES = (
         SUBJECT,
         "The same for all 28 muscles, 40 digits",
         "eq. (A.4) by mpmath",
-        "tests/test_strain_integrals.py::test_radial_integrals_are_the_closed_forms_a_4",
+        "tests/model/test_strain_integrals.py::test_radial_integrals_are_the_closed_forms_a_4",
     ),
     HeldByTest(
         SUBJECT,
         "Where (A.4) is 0/0: taper or helix 0, A = 0, helices to 89 degrees",
         "quadrature by mpmath, 30 digits",
-        "tests/test_strain_integrals.py::test_helical_integrals_hold_where_a_4_is_indefinite",
+        "tests/model/test_strain_integrals.py::test_helical_integrals_hold_where_a_4_is_indefinite",
     ),
     HeldByTest(
         SUBJECT,
         "Extension, curvature and twist of all 28 muscles anywhere along the trunk",
         "eqs. (5), (6), (10), (19)-(23), adaptive quadrature over the section",
-        "tests/test_strain_integrals.py::"
+        "tests/model/test_strain_integrals.py::"
         "test_extension_and_curvature_are_the_integrals_of_eq_6_anywhere_in_the_segment",
     ),
     HeldByTest(
         SUBJECT,
         "Volume of the activated trunk",
         "frustum of eq. (30), with the 1/L it lacks",
-        "tests/test_activation.py::test_volume_is_preserved_by_eq_30",
+        "tests/model/test_activation.py::test_volume_is_preserved_by_eq_30",
     ),
 )

@@ -12,11 +12,11 @@ Cases = Sequence[Case | HeldByTest]
 
 HEAD = """# Validation
 
-Is the rod solved right? Every row below compares what the package computes with something it
-does not know: a published figure, a closed form, a balance, a symmetry, an integrator of its own.
-`tests/test_validation.py` holds each to its tolerance, which has its reason beside it. Errors are
-the largest of all entries compared, in the unit of the tolerance, as one run found them; their
-last digits differ from machine to machine.
+Is the rod solved right? Every row below compares what the package computes with something it does
+not know: a published figure, a closed form, a balance, a symmetry, an integrator of its own.
+`tests/project/test_validation.py` holds each to its tolerance, which has its reason beside it.
+Errors are the largest of all entries compared, in the unit of the tolerance, as one run found
+them; their last digits differ from machine to machine.
 
 This page and its figures are made by `python -m trust.validate` from the cases in
 [trust/validation](../trust/validation); a test fails when cases and page differ. "Second writing"

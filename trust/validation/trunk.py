@@ -175,18 +175,18 @@ CASES = (
         SUBJECT,
         "Signs of every muscle's effects; their rankings in each segment",
         "the paper, Tables 2 and 3",
-        "tests/test_tables.py::test_every_sign_of_table_2",
+        "tests/model/test_muscle_effects.py::test_every_sign_of_table_2",
     ),
     HeldByTest(
         SUBJECT,
         "Derivatives of the tip by 28 muscles and the head",
         "fourth-order differences of shapes",
-        "tests/test_sensitivity.py::test_it_agrees_with_differences_of_shapes",
+        "tests/rod/test_tip_jacobian.py::test_it_agrees_with_differences_of_shapes",
     ),
     HeldByTest(
         SUBJECT,
         "The integrator that judges every plan",
         "LSODA and Radau on the second writing",
-        "tests/test_verification.py::test_it_agrees_with_a_third_integrator",
+        "tests/planning/test_verification.py::test_it_agrees_with_a_third_integrator",
     ),
 )

@@ -4,39 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plans import POINT, TOUCH, soft_rod, written
+from plans import POINT, REACH, ROD, TOUCH, arm, written
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.motion import build_motion, load_motion
-
-ROD = (
-    soft_rod("soft-arm")
-    + """
-muscles = [
-  { group = "top", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0.0, 1.5] },
-  { group = "low", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [1.6, 3.1] },
-]
-"""  # noqa: E501  # TOML inline tables stand on one line
-)
-
-REACH = """
-name = "reach"
-anatomy = "arm.toml"
-
-[bounds]
-activation = [-2.0, 0.0]
-extension = [0.5, 1.5]
-
-[[phases]]
-name = "bend"
-duration = 1.0
-
-[[phases.targets]]
-Z = 1.0
-"""
 
 
 def solved(motion):
@@ -196,11 +170,6 @@ def test_a_direction_need_not_be_of_unit_length(tmp_path):
     text = TOUCH.replace("position", "d3 = [0.0, 0.0, 7.0]\nposition")
     (target,) = load_motion(written(tmp_path, text)).steps[0].targets
     assert target.directions[2] == (0.0, 0.0, 1.0)
-
-
-def arm(tmp_path, target, anatomy=ROD):
-    written(tmp_path, anatomy, "arm.toml")
-    return load_motion(written(tmp_path, REACH + target))
 
 
 def test_a_trunk_of_its_own_stands_beside_the_problem_file(tmp_path):

@@ -35,7 +35,7 @@ from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.viewer import write_page
 
-FAULTY = Path(__file__).with_name("faulty.py")
+FAULTY = Path(__file__).parents[1] / "support" / "faulty.py"
 SOLVE = [sys.executable, "-c", "from trunk_ocp.cli.commands import solve; solve()"]
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 

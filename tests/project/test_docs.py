@@ -7,7 +7,7 @@ import pytest
 
 import trunk_ocp as to
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def test_the_documented_motion_is_solved(tmp_path):

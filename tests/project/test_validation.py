@@ -12,7 +12,7 @@ from trust.validation import CASES
 from trust.validation.case import Case, HeldByTest
 from trust.validation.report import HEAD, UNDER, cells
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "validation.md"
 EVALUATED = [case for case in CASES if isinstance(case, Case)]
 

@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plans import TOUCH, planned, shipped, written
-from test_user_motions import ROD
+from plans import ROD, TOUCH, planned, shipped, written
 
 from trunk_ocp.analysis import free_choices
 from trunk_ocp.analysis.diagnosis import at_bounds, explain

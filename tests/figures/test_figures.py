@@ -15,8 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 from matplotlib.patches import StepPatch
-from plans import MOTIONS, POINT, TOUCH, first_steps, planned, written
-from test_user_motions import REACH, ROD, arm
+from plans import MOTIONS, POINT, REACH, ROD, TOUCH, arm, first_steps, planned, written
 
 from trunk_ocp._support.wording import rounded
 from trunk_ocp.figures import (

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import HealthCheck, given, settings
-from plans import MOTIONS, POINT, TOUCH, shipped, written
-from test_user_motions import REACH, ROD
+from plans import MOTIONS, POINT, REACH, ROD, TOUCH, shipped, written
 
 import trunk_ocp
 from trunk_ocp.cli import commands

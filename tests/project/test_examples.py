@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib.image
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_controller_on_exported_c_keeps_the_tip_at_a_swinging_fruit(tmp_path):

@@ -136,3 +136,35 @@ def thin_tipped_spec(taper=0.038, length=0.5, density=1050.0):
 def thin_tipped(taper=0.038, length=0.5, density=1050.0):
     """The trunk of `thin_tipped_spec`."""
     return build_trunk(thin_tipped_spec(taper, length, density))
+
+
+ROD = (
+    soft_rod("soft-arm")
+    + """
+muscles = [
+  { group = "top", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [0.0, 1.5] },
+  { group = "low", architecture = "longitudinal", radii_over_length = [0.02, 0.05], sector = [1.6, 3.1] },
+]
+"""  # noqa: E501  # TOML inline tables stand on one line
+)
+
+REACH = """
+name = "reach"
+anatomy = "arm.toml"
+
+[bounds]
+activation = [-2.0, 0.0]
+extension = [0.5, 1.5]
+
+[[phases]]
+name = "bend"
+duration = 1.0
+
+[[phases.targets]]
+Z = 1.0
+"""
+
+
+def arm(tmp_path, target, anatomy=ROD):
+    written(tmp_path, anatomy, "arm.toml")
+    return load_motion(written(tmp_path, REACH + target))

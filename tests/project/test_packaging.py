@@ -15,7 +15,7 @@ from trunk_ocp._support.toml_files import Strict
 from trunk_ocp.model import anatomy
 from trunk_ocp.problem import problem_file
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 MODULES = (reading, anatomy, problem_file)
 
