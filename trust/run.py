@@ -86,10 +86,10 @@ def validated() -> dict[str, Any]:
     """Cases evaluated and those that are off by more than they may; writes docs/validation.md."""
     from trust.validate import evaluate
     from trust.validation import CASES
-    from trust.validation.case import HeldDirection
+    from trust.validation.case import HeldByTest
 
     failed = evaluate()
-    held = sum(isinstance(case, HeldDirection) for case in CASES)
+    held = sum(isinstance(case, HeldByTest) for case in CASES)
     return {"cases": len(CASES) - held, "held_by_tests": held, "disagreements": failed}
 
 
