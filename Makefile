@@ -2,76 +2,80 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
-TESTABLE := .venv/testable
 OLDEST := .venv-oldest
+PIP := -m pip install --quiet --disable-pip-version-check
+# One thread for each solver: the tests and studies run several processes.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+TESTS := --numprocesses=2
 
-.PHONY: venv motion results test oldest frameworks trust study examples lint bench schema clean
+.PHONY: help venv motion results test test-fast test-oldest coverage lint docs frameworks trust \
+  study examples bench schema lock clean
 
-venv: $(READY)
+help:  ## List these targets.
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
 
-$(READY): pyproject.toml requirements-dev.txt
+venv: $(READY)  ## Create .venv with the package and all development tools.
+
+$(READY): pyproject.toml requirements.lock
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/python $(PIP) --require-hashes -r requirements.lock
+	$(BIN)/python $(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
 
-# What only tests need: readers of the files that exports write, and a browser to drive.
-$(TESTABLE): requirements-test.txt | $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-test.txt
-	touch $@
-
-# JAX and PyTorch, which are large; the tests of their exports are skipped without them.
-frameworks: venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-frameworks.txt
-
-# One worker a core; a solver of its own in each, so no threads inside. What the browser showed is
-# kept in out/screenshots.
-test: venv $(TESTABLE)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 TRUNK_OCP_SCREENSHOTS=out/screenshots \
-	  $(BIN)/python -m pytest --numprocesses=2
-
-# The same tests with the oldest versions that pyproject.toml allows, but for those of the page, which
-# drive a browser. PyTorch is large: TORCH=torch for it, too.
-oldest:
-	$(PYTHON) -m venv $(OLDEST)
-	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint requirements-oldest.txt --editable '.[fast,jax,onnx,symbolic]' $(TORCH) \
-	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-	  $(OLDEST)/bin/python -m pytest --numprocesses=2 -W ignore --ignore tests/viewer/test_page.py
-
-motion: venv
+motion: venv  ## Plan pick-fruit and draw it, in results/pick-fruit.
 	$(BIN)/solve-motion pick-fruit
 
-# The committed results: all shipped motions, sequential and horizon.
-results: venv
+results: venv  ## Plan all shipped motions, sequential and horizon, in results/study.
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
 	  $(BIN)/solve-motion $$motion --mode both --out results/study/$$motion || exit 1; done
 
-# Files made up and damaged, runs killed and resumed, cases validated; TRUST=--inputs=... for more.
-trust: venv
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m trust.run $(TRUST)
+test: venv  ## Run all tests; screenshots of the page go to out/screenshots.
+	$(ONE_THREAD) TRUNK_OCP_SCREENSHOTS=out/screenshots $(BIN)/python -m pytest $(TESTS)
 
-# What foresight is worth: data and figures in results/foresight, and docs/foresight.md from them.
-study: venv
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m study.run $(STUDY)
+test-fast: venv  ## Run the tests that are quick, in a minute.
+	$(ONE_THREAD) $(BIN)/python -m pytest $(TESTS) -m "not slow"
 
-# The exported trunk in a control loop.
-examples: venv
-	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
+# Without the tests of the page, which drive a browser. PyTorch is large: TORCH=torch for it, too.
+test-oldest:  ## Run the tests with the oldest versions that pyproject.toml allows.
+	$(PYTHON) -m venv $(OLDEST)
+	$(OLDEST)/bin/python $(PIP) --constraint requirements-oldest.txt \
+	  --editable '.[fast,jax,symbolic]' $(TORCH) \
+	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
+	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest $(TESTS) -W ignore --ignore tests/viewer
 
-lint: venv
+coverage: venv  ## Run all tests and report which lines they reach.
+	$(ONE_THREAD) $(BIN)/python -m pytest $(TESTS) --cov --cov-report=term:skip-covered
+
+lint: venv  ## Check style, types, and the borders between layers.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
-# Everything side by side, some 22 minutes; BENCH=--quick for three. Only this needs the rivals.
-bench: venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+frameworks: venv  ## Add JAX and PyTorch, which are large; without them the tests of their exports are skipped.
+	$(BIN)/python $(PIP) --editable '.[jax,torch]'
+
+trust: venv  ## Try to make it fail: damaged files, interrupts, extreme trunks. TRUST=--inputs=... for more.
+	$(ONE_THREAD) $(BIN)/python -m trust.run $(TRUST)
+
+study: venv  ## What foresight is worth: results/foresight, and docs/foresight.md from it.
+	$(ONE_THREAD) $(BIN)/python -m study.run $(STUDY)
+
+examples: venv  ## The exported trunk in a control loop.
+	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
+
+bench: venv  ## Measure beside other codes, in 22 minutes; BENCH=--quick for three.
+	$(BIN)/python $(PIP) exudyn nlopt pyelastica PyNomadBBO
 	$(BIN)/python -m benchmarks.run $(BENCH)
 
-schema: venv
+schema: venv  ## Write the JSON Schema of problem files.
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json
 
-clean:
+lock: venv  ## Pin all development tools anew, in requirements.lock.
+	$(BIN)/python $(PIP) uv
+	$(BIN)/uv pip compile pyproject.toml --group dev --upgrade --universal --python-version 3.11 \
+	  --generate-hashes --no-annotate --quiet --custom-compile-command "make lock" \
+	  --output-file requirements.lock
+
+clean:  ## Remove the environments.
 	rm -rf .venv $(OLDEST)

@@ -1,9 +1,14 @@
-"""Fixtures that every test of the model layer shares."""
+"""Fixtures that many tests share, and what skipped tests mean for the whole run."""
+
+import os
 
 import pytest
 
 from trunk_ocp.model.anatomy import load_anatomy
 from trust.validation import rods
+
+OPTIONAL = "make frameworks"
+"""In the reason of skips that are no failure even where every test should run."""
 
 
 @pytest.fixture(scope="session")
@@ -22,3 +27,13 @@ def draw():
 def build():
     """Builder of small trunks: `build()` is an untapered rod without muscles, clamped along +Z."""
     return rods.rod
+
+
+def pytest_sessionfinish(session):
+    """Where every test should run (TRUNK_OCP_RUN_ALL=1), a skipped one is a failure."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is None or not os.environ.get("TRUNK_OCP_RUN_ALL"):
+        return
+    skipped = [r for r in reporter.stats.get("skipped", []) if OPTIONAL not in str(r.longrepr)]
+    if skipped and not session.exitstatus:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED

@@ -21,6 +21,7 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 from plans import POINT, TOUCH, written
+from programs import needs
 
 from trunk_ocp._support.atomic_files import alone, replacing, write
 from trunk_ocp.cli import commands
@@ -559,8 +560,7 @@ def comma(tmp_path_factory):
     name = next((name for name in installed if name.startswith(("de_", "fr_", "es_"))), None)
     if name:
         return ENVIRONMENT | {"LC_ALL": name}
-    if not shutil.which("localedef"):
-        pytest.skip("no locale with comma decimals, and no localedef to make one")
+    needs("localedef")
     made = ["localedef", "-i", "de_DE", "-f", "UTF-8", str(folder / "de_DE.UTF-8")]
     subprocess.run(made, check=True, capture_output=True)
     return ENVIRONMENT | {"LC_ALL": "de_DE.UTF-8", "LOCPATH": str(folder)}

@@ -6,7 +6,6 @@ What is generated is parsed, not run, and has to be the same program as with a h
 import ast
 import html.parser
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 
@@ -15,6 +14,7 @@ from click.testing import CliRunner
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plans import TOUCH
+from programs import needs
 
 import trunk_ocp as to
 from trunk_ocp.cli import commands
@@ -126,6 +126,7 @@ def constant(source, name):
 
 
 def test_c_compiles_without_a_warning_whatever_the_name(written, tmp_path):
+    needs("cc")
     sources = []
     for number, name in enumerate(HOSTILE.values()):
         folder = tmp_path / str(number)
@@ -142,6 +143,7 @@ def test_c_compiles_without_a_warning_whatever_the_name(written, tmp_path):
 
 def test_c_has_the_names_as_they_are(tmp_path):
     """A program prints what the literals hold."""
+    needs("cc")
     names = [name.replace("\x00", "") for name in HOSTILE.values() if name.isprintable()]
     literals = ", ".join(foreign.c_literal(name) for name in names)
     text = f"#include <stdio.h>\nint main(void)\n{{\n    const char *names[] = {{{literals}}};\n"
@@ -175,9 +177,9 @@ def test_a_latex_page_differs_by_the_name_alone(written):
         assert text.isascii()
 
 
-@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX here")
 @pytest.mark.parametrize("name", [ORDINARY, HOSTILE["latex"], HOSTILE["scripts"], "W" * 200])
 def test_latex_takes_a_page_with_any_name(named, tmp_path, name):
+    needs("pdflatex")
     trunk = named(name, "1-dl")
     request = Request(build_model(trunk), "shape", name, muscle=trunk.muscles[0])
     for file, text in FORMATS["latex"].write(request).items():

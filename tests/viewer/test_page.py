@@ -7,13 +7,14 @@ import base64
 import json
 import os
 import re
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from plans import POINT, TOUCH, planned, soft_rod, written
+from playwright.sync_api import sync_playwright
+from programs import CHROMIUM, needs
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
@@ -24,7 +25,6 @@ from trunk_ocp.viewer import write_page
 from trunk_ocp.viewer.bundle import embedded
 from trunk_ocp.viewer.payload import MOST, instants, payload
 
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 ARGS = [
     "--headless",
     "--no-sandbox",
@@ -53,12 +53,7 @@ EVIL = "</script><script>window.evil = 1</script><img src=x onerror='window.evil
 
 @pytest.fixture(scope="module")
 def browser():
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        pytest.fail("the page's tests need playwright: pip install playwright")
-    if not shutil.which(CHROMIUM):
-        pytest.fail(f"the page's tests need Chromium at {CHROMIUM}: apt-get install chromium")
+    needs(CHROMIUM)
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGS)
         yield chromium
