@@ -11,6 +11,7 @@ import pickle
 import re
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +26,16 @@ from trunk_ocp import cli, two_point, verification
 from trunk_ocp.anatomy import load_anatomy
 from trunk_ocp.collocation import Mesh
 from trunk_ocp.errors import InputError
+from trunk_ocp.loads import Loads
 from trunk_ocp.motion import load_motion
 from trunk_ocp.planner import Options, plan_motion
 from trunk_ocp.solution import Status
 from trunk_ocp.statics import solve_statics
 from trunk_ocp.storage import dataset, load_plan, save_plan
+from trust import reference
 from trust.answers import wrongs
 from trust.inputs import cases
+from trust.judge import Judge
 from trust.trial import tried
 
 PACKAGE = Path(trunk_ocp.__file__).parent
@@ -144,6 +148,35 @@ def test_the_second_rod_code_finds_a_plan_of_another_problem_out(tmp_path, old, 
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)))
     assert not wrongs(tomllib.loads(TOUCH), plan)
     assert any(what in wrong for wrong in wrongs(tomllib.loads(TOUCH.replace(old, new)), plan))
+
+
+@pytest.mark.parametrize(("part", "wrong"), [("states", False), ("edges", True)])
+def test_the_second_rod_code_judges_the_shape_not_its_moments(tmp_path, part, wrong):
+    """A plan 0.2 mm from its equilibrium is wrong; one whose moments are off by 0.1 % is not."""
+    plan = plan_motion(load_motion(written(tmp_path, TOUCH)))
+    values = getattr(plan.shape, part).copy()
+    if part == "states":
+        values[..., 4:] *= 1.001
+    else:
+        values[..., 1:, 0] += 2e-4
+    found = wrongs(tomllib.loads(TOUCH), replace(plan, shape=replace(plan.shape, **{part: values})))
+    assert len(found) == wrong
+    assert all("not in equilibrium, off by 0.0002 m" in each for each in found)
+
+
+@pytest.mark.parametrize("couple", [(0.0, 0.0, 0.0), (20.0, -10.0, 5.0)])
+def test_the_judge_agrees_with_shooting_where_a_contact_bends_the_trunk(couple):
+    trunk = load_anatomy("asian-elephant")
+    load = Loads(9.8, (5.0, 0.0, 10.0), 1.3, (0.0, 30.0, 40.0), couple)
+    activation = np.linspace(-1.5, 0.0, len(trunk.muscles))
+    shape, head = solve_statics(trunk, activation, (0.1, -0.2), load), (0.1, -0.2)
+    Z = np.array([0.0, 1.0, 1.5, trunk.length])
+    rod = Judge(trunk, activation, np.array(head), load).solve(shape, Z)
+    moment = reference.shoot(trunk, activation, head, load, shape.moment(np.zeros(1))[0])
+    position, directors, _ = reference.march(trunk, activation, head, [load], moment, Z)
+    for at, r, d in zip(Z, position[0], directors[0], strict=True):
+        np.testing.assert_allclose(rod.at(at)[0], r, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(rod.at(at)[1], d, rtol=0, atol=1e-9)
 
 
 def test_a_problem_comes_back_from_its_saved_plan(tmp_path):

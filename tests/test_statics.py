@@ -18,7 +18,7 @@ from trunk_ocp.statics import solve_statics
 from trunk_ocp.unloaded import unloaded_states
 from trunk_ocp.verification import integrate
 from trust import reference
-from trust.equilibria import Judge
+from trust.judge import Judge
 from trust.validation.rods import EVERYTHING, heads
 
 REST = np.zeros(28)
