@@ -5,7 +5,7 @@ READY := .venv/ready
 TESTABLE := .venv/testable
 OLDEST := .venv-oldest
 
-.PHONY: venv motion results test oldest frameworks trust study examples lint bench schema clean
+.PHONY: venv motion results test test-oldest frameworks trust study examples lint bench schema clean
 
 venv: $(READY)
 
@@ -32,7 +32,7 @@ test: venv $(TESTABLE)
 
 # The same tests with the oldest versions that pyproject.toml allows, but for those of the page, which
 # drive a browser. PyTorch is large: TORCH=torch for it, too.
-oldest:
+test-oldest:
 	$(PYTHON) -m venv $(OLDEST)
 	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check \
 	  --constraint requirements-oldest.txt --editable '.[fast,jax,onnx,symbolic]' $(TORCH) \
