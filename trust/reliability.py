@@ -36,8 +36,8 @@ refused in a second and in 300 MB, or be what it says; no other file may change.
 
 **Answers** ([trust/answers.py](../trust/answers.py)): every plan that calls itself solved is
 judged from the text of its file alone: targets and bounds are worked out again, and every shape is
-held against scipy's `solve_bvp` ([trust/judge.py](../trust/judge.py)), with nothing of the code
-that planned or verified.
+held against the equilibrium that scipy's `solve_bvp` finds next to it
+([trust/judge.py](../trust/judge.py)), with nothing of the code that planned or verified.
 
 **Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders
 to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape
