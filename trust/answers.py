@@ -1,8 +1,8 @@
 """Is a plan called solved solved? Judged by the text of the problem file and a second rod code.
 
-Targets, loads and bounds are worked out again from the tables of the file, and every rod is
-integrated by `trust.reference`. Of the package only the trunk's data, the planned unknowns and
-the planned moments at the base are used.
+Targets, loads and bounds are worked out again from the tables of the file, and every rod is solved
+again as a two-point problem by `trust.judge`. Of the package only the trunk's data and the planned
+unknowns are used, and the planned shapes as first guesses.
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.plan import Plan
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
+from trust.judge import Judge
 
 Table = dict[str, Any]
-NEAR = 2e-4
-"""m and of a director: above what the package's own check lets pass, far below a tolerance."""
+NEAR = 1.1e-4 / 1.75
+"""Of the trunk's length: a tenth above what the package's own check lets pass, at other points."""
+EXACT = 1e-5
+"""Of the trunk's length, and of a director: by which two solvers may differ at a target."""
 SLACK = 2e-6
 """By which a bound may be exceeded."""
 
@@ -34,7 +37,6 @@ def wrongs(problem: Table, plan: Plan) -> list[str]:
     origins = {"base": np.zeros(3), "passive-tip": _passive_tip(problem, trunk)}
     tolerance = problem.get("tolerance", {})
     near = tolerance.get("position", 0.02), tolerance.get("direction", 0.05)
-    moments = plan.shape.moment(np.zeros(1))[:, 0]
     Z = np.unique([0.0, trunk.length, *_points(problem, trunk)])
     frames: list[np.ndarray] = []
     before = np.zeros(plan.x.shape[1])
@@ -43,23 +45,24 @@ def wrongs(problem: Table, plan: Plan) -> list[str]:
         return [f"{len(plan.x)} of {len(steps)} steps are planned"]
     for t, (phase, i) in enumerate(steps):
         x, where = plan.x[t], f"step {t + 1}"
-        load = _loads(problem, phase, i, trunk, frames, Z)
-        r, d, m = (
-            part[0] for part in reference.march(trunk, x[:-2], x[-2:], [load], moments[t], Z)
-        )
-        frames.append(d)
-        largest = max(np.abs(m).max(), 1e-6 * trunk.youngs_modulus * trunk.base_radius**4)
-        if not np.linalg.norm(m[-1]) <= 2e-3 * largest:
-            found.append(f"{where}: not in equilibrium, {np.linalg.norm(m[-1]):.3g} N m at the tip")
-        if not np.abs(r - plan.shape.position(Z)[t]).max() <= NEAR:
-            found.append(f"{where}: the planned shape is another")
+        judge = Judge(trunk, x[:-2], x[-2:], _loads(problem, phase, i, trunk, frames, Z))
+        rod = judge.solve(plan.shape[t], Z)
+        if rod is None:
+            return [*found, f"{where}: not in equilibrium, and the judge finds none nearby"]
+        off = judge.difference(rod, plan.shape[t])
+        if not off <= NEAR:
+            found.append(f"{where}: not in equilibrium, off by {off * trunk.length:.3g} m")
+        at = [rod.at(Z_p) for Z_p in Z]
+        frames.append(np.array([directors for _, directors in at]))
         for Z_p, position, directions in _targets(phase, i, trunk, origins, frames, Z):
-            at = int(np.searchsorted(Z, Z_p))
-            if position is not None and not _distance(r[at], position) <= near[0] + NEAR:
-                found.append(f"{where}: {_distance(r[at], position):.6g} m from its target")
+            r, d = rod.at(Z_p)
+            if position is not None:
+                distance = _distance(r, position)
+                if not distance <= near[0] + EXACT * trunk.length:
+                    found.append(f"{where}: {distance:.6g} m from its target")
             for j, goal in directions:
-                if not _distance(d[at, j], goal) <= near[1] + NEAR:
-                    found.append(f"{where}: d{j + 1} is off by {_distance(d[at, j], goal):.6g}")
+                if not _distance(d[j], goal) <= near[1] + EXACT:
+                    found.append(f"{where}: d{j + 1} is off by {_distance(d[j], goal):.6g}")
         found += [f"{where}: {text}" for text in bounds.wrongs(phase, i, x, before, plan.mode)]
         before = x
     return found
@@ -85,16 +88,14 @@ def _points(problem: Table, trunk: Trunk) -> Iterator[float]:
 
 
 def _passive_tip(problem: Table, trunk: Trunk) -> np.ndarray:
-    """Where the tip of the passive trunk hangs, by shooting."""
+    """Where the tip of the passive trunk hangs."""
     load = Loads(problem.get("gravity", 9.8))
     if '"passive-tip"' not in repr(problem).replace("'", '"'):
         return np.zeros(3)
     rest = np.zeros(len(trunk.muscles))
-    guess = solve_statics(trunk, rest, loads=load).moment(np.zeros(1))[0]
-    moment = guess
-    if np.any(guess):
-        moment = reference.shoot(trunk, rest, (0.0, 0.0), load, guess)
-    return reference.march(trunk, rest, (0.0, 0.0), [load], moment, [trunk.length])[0][0, -1]
+    shape = solve_statics(trunk, rest, loads=load)
+    rod = Judge(trunk, rest, np.zeros(2), load).solve(shape)
+    return np.full(3, np.nan) if rod is None else rod.position[-1]
 
 
 def _bezier(points: list[list[float]], t: float) -> np.ndarray:

@@ -4,8 +4,7 @@
 
 Trunks of 10 mm to 10 m, from cylinders to near cones, soft and stiff, are bent by muscles and by
 thrusts and pulls far beyond what they would bear. Each shape that statics finds and each plan is
-judged by scipy's `solve_bvp`, on equations written out once more: in quaternions, with curvature
-in place of moment, all segments stacked on one interval.
+judged by the two-point solver of `trust.judge`.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import json
 import math
 import sys
 import time
-import warnings
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -23,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_bvp
 
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk
@@ -33,16 +30,15 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.problem.motion import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
+from trust.judge import Judge
 from trust.trial import Deadline
 
 NEAR = 1e-4
 """Of the trunk's length: twice what the package's own check lets pass."""
 CERTAIN = 2e-5
 """Of the trunk's length: a plan this near an equilibrium has to pass."""
-TOLERANCE = 1e-7
-MOST_NODES = 20_000
 PLANNING = 20.0  # s
 
 Array = np.ndarray
@@ -57,132 +53,6 @@ class Tally:
     undecided: int = 0
     worst: float = 0.0
     faults: list[str] = field(default_factory=list)
-
-
-class Judge:
-    """One trunk under one load, as a two-point problem for `solve_bvp` on 0 <= s <= 1.
-
-    Unknowns are q (4) and moment times L / E I(Z) (3) of each segment. What a thin tip needs is
-    resolved at its own scale: s runs evenly in local radii.
-    """
-
-    def __init__(self, trunk: Trunk, activation: Array, head: Array, load: Loads) -> None:
-        self.trunk, self.load = trunk, load
-        self.strain = reference.strains(trunk, activation[None])[0]
-        self.mean = float(self.strain[:, 0] @ np.diff(trunk.edges)) / trunk.length
-        self.r0, frame = reference.base(trunk, head)
-        self.frame = frame
-        self.rate = trunk.tan_taper / trunk.base_radius
-
-    def points(self, segment: int, s: Array) -> tuple[Array, Array]:
-        """Z and dZ/ds of a segment at s."""
-        start, end = self.trunk.edges[segment : segment + 2]
-        if self.rate == 0:
-            return start + s * (end - start), np.full_like(s, end - start)
-        first, last = (math.log1p(-self.rate * Z) for Z in (start, end))
-        f = np.exp(first + s * (last - first))
-        return (1 - f) / self.rate, -(last - first) * f / self.rate
-
-    def rates(self, segment: int, Z: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Derivatives by Z of the seven unknowns (7, n), dr/dZ (3, n) and zeta / zeta_hat (n,)."""
-        trunk, load, L = self.trunk, self.load, self.trunk.length
-        f = 1 - self.rate * Z
-        radius = trunk.base_radius * f
-        EA = trunk.youngs_modulus * math.pi * radius**2 / self.mean
-        EI = trunk.youngs_modulus * math.pi / 4 * radius**4  # of the initial shape
-        force = np.array(load.tip_force)[:, None] * np.ones_like(Z)
-        force[2] += load.gravity * np.array([reference.weight_beyond(trunk, at) for at in Z])
-        d = frames(y[:4])
-        n = np.einsum("ijn,jn->in", d, force)
-        zeta_hat, c = self.strain[segment, 0], self.strain[segment, 1:]
-        stretch = 1 + n[2] / EA
-        zeta = zeta_hat * stretch
-        m = y[4:] * EI / L
-        soft = self.mean**2 / EI * np.array([[1.0], [1.0], [1 + trunk.poisson_ratio]])
-        u = c[:, None] / f + m * soft
-        q0, v = y[0], y[1:4]
-        spin = zeta_hat * u
-        dq = np.vstack([-(v * spin).sum(axis=0), q0 * spin + np.cross(v, spin, axis=0)]) / 2
-        dm = zeta_hat * np.cross(m, u, axis=0)
-        dm[0] += zeta * n[1]
-        dm[1] -= zeta * n[0]
-        curvature = dm * L / EI + 4 * self.rate / f * y[4:]
-        return np.vstack([dq, curvature]), zeta * d[2], stretch
-
-    def solve(self, shape: Shape) -> tuple[Array, Array, float] | None:
-        """Points Z, the centerline (n, 3) there and least stretch of the equilibrium near a shape.
-
-        None if `solve_bvp` finds none.
-        """
-        S, EI = len(self.strain), self.trunk.youngs_modulus * math.pi / 4
-        s = np.linspace(0.0, 1.0, 200)
-        guess = []
-        for i in range(S):
-            Z, _ = self.points(i, s)
-            state = shape.state(np.clip(Z, 0.0, self.trunk.length)).T
-            local = EI * (self.trunk.base_radius * (1 - self.rate * Z)) ** 4
-            guess.append(np.vstack([state[:4], state[4:] * self.trunk.length / local]))
-
-        def slope(s: Array, y: Array) -> Array:
-            parts = []
-            for i in range(S):
-                Z, per_s = self.points(i, s)
-                parts.append(self.rates(i, Z, y[7 * i : 7 * i + 7])[0] * per_s)
-            return np.vstack(parts)
-
-        q0 = shape.state(np.zeros(1))[0, :4]
-
-        def ends(left: Array, right: Array) -> Array:
-            return np.concatenate([left[:4] - q0, left[7:] - right[:-7], right[-3:]])
-
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = solve_bvp(slope, ends, s, np.vstack(guess), tol=TOLERANCE, max_nodes=MOST_NODES)
-        if not found.success or np.abs(frames(q0[:, None])[..., 0] - self.frame).max() > 1e-9:
-            return None
-        return self._line(found)
-
-    def _line(self, found: Any) -> tuple[Array, Array, float]:
-        """The centerline by a Gauss rule on the intervals that `solve_bvp` chose."""
-        nodes, weights = np.polynomial.legendre.leggauss(4)
-        width = np.diff(found.x)[:, None]
-        s = found.x[:-1, None] + width * (1 + nodes) / 2
-        every_Z, every_r, least, r = [], [], math.inf, self.r0
-        for i in range(len(self.strain)):
-            Z, per_s = self.points(i, s.ravel())
-            y = found.sol(s.ravel())[7 * i : 7 * i + 7]
-            _, slope, stretch = self.rates(i, Z, y)
-            steps = (slope * per_s).reshape(3, *s.shape) @ weights * width[:, 0] / 2
-            line = r + np.concatenate([np.zeros((1, 3)), steps.T.cumsum(axis=0)])
-            every_Z.append(self.points(i, found.x)[0])
-            every_r.append(line)
-            least, r = min(least, float(stretch.min())), line[-1]
-        return np.concatenate(every_Z), np.concatenate(every_r), least
-
-    def error(self, shape: Shape) -> float | None:
-        """How far a shape is from the equilibrium next to it, in L; infinite if none exists.
-
-        None if `solve_bvp` cannot tell.
-        """
-        found = self.solve(shape)
-        if found is None:
-            return None
-        Z, line, least = found
-        claimed = shape.position(np.clip(Z, 0.0, self.trunk.length))
-        off = float(np.linalg.norm(claimed - line, axis=1).max()) / self.trunk.length
-        return off if least > 0 else math.inf
-
-
-def frames(q: Array) -> Array:
-    """Directors (3, 3, n), d_i first, of quaternions (4, n) of any length."""
-    w, v = q[0], q[1:]
-    size = (q**2).sum(axis=0)
-    d = []
-    for e in np.eye(3):
-        e = e[:, None] * np.ones_like(w)
-        turned = (w**2 - (v**2).sum(axis=0)) * e + 2 * (v * e).sum(axis=0) * v
-        d.append((turned + 2 * w * np.cross(v, e, axis=0)) / size)
-    return np.array(d)
 
 
 def anatomy(rng: np.random.Generator) -> dict[str, Any]:

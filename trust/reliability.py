@@ -26,8 +26,8 @@ BODY = """## What was tried
 anatomy files made up at random - one to four steps, targets of every kind, wraps, logs, pulls,
 bounds down to none, trunks of one to four segments with no muscle or many - and then damaged: keys
 dropped, doubled or renamed, types changed, numbers at the edge (NaN, infinities, 1e308, 10^400),
-bytes flipped, files cut off. Saved plans likewise. Each must be refused in a second, with the
-file's name, or be planned; there is no third outcome.
+bytes flipped, files cut off. Saved plans likewise. Each must be refused in two seconds of processor
+time, with the file's name, or be planned; there is no third outcome.
 
 **Saved files** ([trust/damaged.py](../trust/damaged.py)): solution.nc and resume.npz with bytes
 flipped, parts lost, headers that claim terabytes, records of wrong types, arrays beyond reason,
@@ -35,8 +35,9 @@ archives that are compressed or have more in them, pipes and devices in their pl
 refused in a second and in 300 MB, or be what it says; no other file may change.
 
 **Answers** ([trust/answers.py](../trust/answers.py)): every plan that calls itself solved is
-judged from the text of its file alone: targets, bounds and equilibrium are computed again by
-scipy, with nothing of the code that verified the plan.
+judged from the text of its file alone: targets and bounds are worked out again, and every shape is
+held against the equilibrium that scipy's `solve_bvp` finds next to it
+([trust/judge.py](../trust/judge.py)), with nothing of the code that planned or verified.
 
 **Equilibria** ([trust/equilibria.py](../trust/equilibria.py)): trunks of 10 mm to 10 m, cylinders
 to near cones, soft and stiff, under thrusts and pulls far beyond what they would bear. Every shape

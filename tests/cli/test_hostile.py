@@ -11,6 +11,7 @@ import pickle
 import re
 import time
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,10 @@ from hypothesis import HealthCheck, given, settings
 from plans import MOTIONS, POINT, REACH, ROD, TOUCH, shipped, written
 
 import trunk_ocp
-from trunk_ocp.cli import commands
+from trunk_ocp.cli.solve import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.anatomy import load_anatomy
+from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning import two_point, verification
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
@@ -31,8 +33,10 @@ from trunk_ocp.planning.storage import dataset, load_plan, save_plan
 from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.rod.collocation import Mesh
 from trunk_ocp.rod.statics import solve_statics
+from trust import reference
 from trust.answers import wrongs
 from trust.inputs import cases
+from trust.judge import Judge
 from trust.trial import tried
 
 PACKAGE = Path(trunk_ocp.__file__).parent
@@ -145,6 +149,35 @@ def test_the_second_rod_code_finds_a_plan_of_another_problem_out(tmp_path, old, 
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)))
     assert not wrongs(tomllib.loads(TOUCH), plan)
     assert any(what in wrong for wrong in wrongs(tomllib.loads(TOUCH.replace(old, new)), plan))
+
+
+@pytest.mark.parametrize(("part", "wrong"), [("states", False), ("edges", True)])
+def test_the_second_rod_code_judges_the_shape_not_its_moments(tmp_path, part, wrong):
+    """A plan 0.2 mm from its equilibrium is wrong; one whose moments are off by 0.1 % is not."""
+    plan = plan_motion(load_motion(written(tmp_path, TOUCH)))
+    values = getattr(plan.shape, part).copy()
+    if part == "states":
+        values[..., 4:] *= 1.001
+    else:
+        values[..., 1:, 0] += 2e-4
+    found = wrongs(tomllib.loads(TOUCH), replace(plan, shape=replace(plan.shape, **{part: values})))
+    assert len(found) == wrong
+    assert all("not in equilibrium, off by 0.0002 m" in each for each in found)
+
+
+@pytest.mark.parametrize("couple", [(0.0, 0.0, 0.0), (20.0, -10.0, 5.0)])
+def test_the_judge_agrees_with_shooting_where_a_contact_bends_the_trunk(couple):
+    trunk = load_anatomy("asian-elephant")
+    load = Loads(9.8, (5.0, 0.0, 10.0), 1.3, (0.0, 30.0, 40.0), couple)
+    activation = np.linspace(-1.5, 0.0, len(trunk.muscles))
+    shape, head = solve_statics(trunk, activation, (0.1, -0.2), load), (0.1, -0.2)
+    Z = np.array([0.0, 1.0, 1.5, trunk.length])
+    rod = Judge(trunk, activation, np.array(head), load).solve(shape, Z)
+    moment = reference.shoot(trunk, activation, head, load, shape.moment(np.zeros(1))[0])
+    position, directors, _ = reference.march(trunk, activation, head, [load], moment, Z)
+    for at, r, d in zip(Z, position[0], directors[0], strict=True):
+        np.testing.assert_allclose(rod.at(at)[0], r, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(rod.at(at)[1], d, rtol=0, atol=1e-9)
 
 
 def test_a_problem_comes_back_from_its_saved_plan(tmp_path):

@@ -3,14 +3,19 @@
 What they are held against is the NumPy module, which has tests of its own.
 """
 
+import importlib
 import importlib.util
+from dataclasses import replace
 
 import exported
 import numpy as np
 import pytest
+from test_names import HOSTILE
 
+from trunk_ocp.codegen.formats import FORMATS
+from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.numpy_module import module_text
-from trunk_ocp.codegen.request import ToolMissingError
+from trunk_ocp.codegen.request import Request, ToolMissingError
 from trunk_ocp.codegen.wrappers import check_jax, check_torch, write_jax, write_torch
 
 DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
@@ -200,6 +205,26 @@ def test_torch_without_second_derivatives_says_how_to_get_them(tmp_path, x):
     module = exported.load(exported.export(tmp_path, files), "trunk_torch")
     with pytest.raises(NotImplementedError, match="export again with --second"):
         torch.func.hessian(tip(module))(torch.as_tensor(x[0]))
+
+
+@pytest.mark.parametrize("key", ["python", "escaped quotes", "line ends", "half a character"])
+@pytest.mark.parametrize("package", ["jax", pytest.param("torch", marks=needs_torch)])
+def test_a_hostile_name_is_text_to_a_module_that_runs(tmp_path, build, package, key):
+    muscle = {"group": "dl", "architecture": "longitudinal", "radii_over_length": (0.01, 0.04)}
+    muscles = ({**muscle, "sector": (0.5, 1.5)},)
+    plain = build(({"Z_over_length": (0.0, 1.0), "muscles": muscles},), taper_deg=1.0)
+    own = [replace(each, name=f"{each.side}{HOSTILE[key]}") for each in plain.subdomains]
+    named = replace(plain, name=HOSTILE[key], subdomains=tuple(own))
+    array = importlib.import_module({"jax": "jax.numpy"}.get(package, package)).asarray
+    shapes = []
+    for folder, trunk in (("plain", plain), ("named", named)):
+        files = FORMATS[package].write(Request(build_model(trunk), "jacobian", trunk.name))
+        module = exported.load(exported.export(tmp_path / folder, files), f"trunk_{package}")
+        x = array(np.full(max(part.stop for part in module.INPUTS.values()), -0.1))
+        shapes.append(np.asarray(module.loaded(x)))
+    np.testing.assert_array_equal(*shapes)
+    assert module.MUSCLES == named.muscles
+    assert {path.name for path in tmp_path.iterdir()} == {"plain", "named"}
 
 
 @pytest.mark.parametrize(("check", "name"), [(check_jax, "jax"), (check_torch, "torch")])

@@ -24,7 +24,8 @@ from trunk_ocp.rod.block_gaps import close_gaps
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.statics import shape_of_states, solve_statics
 from trunk_ocp.scene.keyframes import with_between
-from trust.equilibria import Judge, judge_plans, judge_shapes
+from trust.equilibria import judge_plans, judge_shapes
+from trust.judge import Judge
 
 LOAD = Loads(tip_force=(0.0, 0.0, 0.049))
 GAMMA = np.array([[-0.1, -0.03]])
@@ -74,7 +75,8 @@ def test_a_right_plan_of_a_thin_tipped_arm_is_solved():
     assert judge.error(plan.shape[0]) < 1e-7
     # What the check holds against it is the equilibrium itself, though the plan is off by more.
     coarse = plan_of(thin_tipped_spec(), LOAD, 6)
-    Z, line, _ = judge.solve(coarse.shape[0])
+    rod = judge.solve(coarse.shape[0])
+    Z, line = rod.Z, rod.position
     path = equilibria(plan.motion.trunk, coarse.x, coarse.loads, coarse.shape, Z[::50])
     assert np.linalg.norm(path.position[0] - line[::50], axis=1).max() < 1e-8
     assert np.linalg.norm(coarse.shape.position(Z)[0] - line, axis=1).max() > 1e-7

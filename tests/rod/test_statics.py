@@ -13,12 +13,12 @@ from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
 from trunk_ocp.problem.motion import build_motion, load_motion
-from trunk_ocp.rod import refining, statics
 from trunk_ocp.rod.collocation import Mesh, mesh_for
+from trunk_ocp.rod.equations import refining, statics
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
-from trust.equilibria import Judge
+from trust.judge import Judge
 from trust.validation.rods import EVERYTHING, heads
 
 REST = np.zeros(28)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 MOST_ELEMENTS = 200
 MOST_WORK = 800  # elements, times Newton's method was tried on them; some seconds
 SMALLEST_LOAD_STEP = 1e-4
+SHORTER = {True: 8, False: 2}
+"""By what a load step is divided; more where elements ran out, which costs most to find out."""
 LOST = (
     "no equilibrium found",
     "the trunk may bend too sharply, coil or buckle. Reduce the load or the activation.",
@@ -71,7 +73,7 @@ def followed(problem: _Problem, defect: float = math.inf) -> tuple[Mesh, np.ndar
         if isinstance(found[0], Mesh):
             problem, states = replace(problem, mesh=found[0]), found[1]
             reached, ahead = target, 2 * ahead
-        elif (ahead := ahead / 2) < SMALLEST_LOAD_STEP:
+        elif (ahead := ahead / SHORTER[found == ROUGH]) < SMALLEST_LOAD_STEP:
             raise not_found(found, reached)
         elif work > MOST_WORK:
             raise not_found(GIVEN_UP if found == LOST else found, reached)
