@@ -33,7 +33,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.problem.motion import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 from trust.trial import Deadline
 
