@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.rod import statics
+from trunk_ocp.rod.newton import STEP_TOL
 from trunk_ocp.rod.unloaded import unloaded_states
 
 from .common import (
@@ -78,7 +78,7 @@ def collocation(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
         "elements": mesh.elements,
         "degree": mesh.degree,
         "error_in_L": error,
-        "newton_tolerance": statics.TOLERANCE,
+        "newton_tolerance": STEP_TOL,
         "cold_seconds": median(cold),
         "jacobian_seconds": median(jacobian),
         "jacobian_over_shape": median(jacobian) / median(cold),

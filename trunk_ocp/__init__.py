@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, stability
     from .rod.point_shapes import PointShapes
+    from .rod.shape import Shape
     from .rod.shape_map import ShapeMap
-    from .rod.statics import Shape, solve_statics
+    from .rod.statics import solve_statics
     from .rod.tip_jacobian import tip_jacobian
 
 # Where each public name is. They are imported when they are first asked for: all together take
@@ -56,7 +57,8 @@ _HOMES = {
     "rod.shape_map": ("ShapeMap",),
     "planning.plan": ("Plan", "PlanError", "Status"),
     "rod.buckling": ("Stability", "stability"),
-    "rod.statics": ("Shape", "solve_statics"),
+    "rod.shape": ("Shape",),
+    "rod.statics": ("solve_statics",),
     "planning.state": ("Options",),
     "planning.storage": ("load_plan", "save_plan"),
     "nlp.window": ("Weights",),

@@ -10,7 +10,7 @@ from dataclasses import replace
 import exported
 import numpy as np
 import pytest
-from test_names import HOSTILE
+from hostile import HOSTILE
 
 from trunk_ocp.codegen.formats import FORMATS
 from trunk_ocp.codegen.model import build_model

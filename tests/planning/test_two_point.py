@@ -20,9 +20,10 @@ from trunk_ocp.planning.two_point import equilibria
 from trunk_ocp.planning.verification import LARGEST_TURN, verify
 from trunk_ocp.problem.motion import Auxiliary, Bounds, build_motion, load_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
-from trunk_ocp.rod.block_gaps import close_gaps
 from trunk_ocp.rod.collocation import mesh_for
-from trunk_ocp.rod.statics import shape_of_states, solve_statics
+from trunk_ocp.rod.linear_bvp import solve_linear_bvp
+from trunk_ocp.rod.rod_batch import shape_of_states
+from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene.keyframes import with_between
 from trust.equilibria import judge_plans, judge_shapes
 from trust.judge import Judge
@@ -192,7 +193,7 @@ def test_a_trunk_that_ends_almost_in_a_point_is_planned(tmp_path):
 def test_gaps_are_closed_as_by_all_equations_at_once():
     rng = np.random.default_rng(2)
     maps, gaps = rng.normal(size=(2, 3, 7, 7)), rng.normal(size=(2, 3, 7, 2))
-    steps = close_gaps(maps, gaps)
+    steps = solve_linear_bvp(maps, gaps)
     assert np.all(steps[:, 0, :4] == 0)  # the pose of the base
     assert np.all(steps[:, -1, 4:] == 0)  # the moment at the tip
     np.testing.assert_allclose(steps[:, 1:] - maps @ steps[:, :-1], gaps, atol=1e-10)
@@ -201,11 +202,11 @@ def test_gaps_are_closed_as_by_all_equations_at_once():
 def test_a_rod_without_a_solution_is_no_fault_of_its_neighbors():
     rng = np.random.default_rng(3)
     maps, gaps = rng.normal(size=(4, 5, 6, 6)), rng.normal(size=(4, 5, 6, 1))
-    alone = close_gaps(maps[3:], gaps[3:])
+    alone = solve_linear_bvp(maps[3:], gaps[3:])
     maps[0, 2] = np.nan
     maps[1] = 0.0  # m(0) makes no difference
     gaps[2, 1] = np.inf
-    steps = close_gaps(maps, gaps)
+    steps = solve_linear_bvp(maps, gaps)
     assert np.isnan(steps[[0, 2]]).all()
     assert not np.isfinite(steps[1]).all()
     np.testing.assert_allclose(steps[3], alone[0], atol=1e-12)
@@ -218,7 +219,7 @@ def test_gaps_are_closed_where_marching_would_lose_every_digit():
     maps = np.kron(small, np.eye(3))[None, None] * np.ones((1, K, 1, 1))
     gaps = np.zeros((1, K, 6, 1))
     gaps[0, 0, :3] = 1.0
-    steps = close_gaps(maps, gaps)[0, :, :, 0]
+    steps = solve_linear_bvp(maps, gaps)[0, :, :, 0]
     assert np.abs(steps).max() < 2
     np.testing.assert_allclose(steps[1:] - steps[:-1] @ maps[0, 0].T, gaps[0, :, :, 0], atol=1e-12)
 

@@ -17,10 +17,11 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
-from trunk_ocp.rod import statics
 from trunk_ocp.rod.buckling import stability
 from trunk_ocp.rod.collocation import mesh_for
-from trunk_ocp.rod.statics import shape_of_states, solve_statics
+from trunk_ocp.rod.newton import newton
+from trunk_ocp.rod.rod_batch import RodBatch, shape_of_states
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
 NONE, REST = np.zeros(0), np.zeros(28)
@@ -186,8 +187,8 @@ def test_a_buckled_column_is_neutral_about_its_axis_and_stable_otherwise(wire, t
     for side, index in ((1e-3, 0), (-1e-3, 1)):
         pushed = thrust(-load.tip_force[2], side)
         # From the bent shape, where `solve_statics` would start from the straight one.
-        problem = statics._Problem(rod, shape.mesh, np.zeros((1, 0)), np.zeros((1, 2)), [pushed])
-        states, converged = problem.newton(shape.states)
+        problem = RodBatch(rod, shape.mesh, np.zeros((1, 0)), np.zeros((1, 2)), [pushed])
+        states, converged = newton(problem, shape.states)
         assert converged[0]
         settled = stability(problem.shape(states, (1,)), NONE, pushed)
         points = focal_points(problem.shape(states, (1,)), np.zeros((1, 0)), [pushed])

@@ -13,8 +13,8 @@ from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
 from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.rod import continuation, newton, statics
 from trunk_ocp.rod.collocation import Mesh, mesh_for
-from trunk_ocp.rod.equations import refining, statics
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
@@ -27,7 +27,7 @@ REST = np.zeros(28)
 def test_a_search_that_ends_at_its_limit_of_work_denies_no_equilibrium(monkeypatch):
     arm = thin_tipped(0.03928)  # from 20 mm to 0.36 mm
     activation, load = np.full(2, -0.1), Loads(0.0, (0.005, 0.0, 0.0))
-    monkeypatch.setattr(refining, "MOST_WORK", 20)
+    monkeypatch.setattr(continuation, "MAX_WORK", 20)
     with pytest.raises(
         StaticsError, match="the search reached its limit of work, so there may be one"
     ) as caught:
@@ -93,10 +93,8 @@ def test_contact_regions_may_differ_on_a_mesh_that_serves_all(trunk):
 def test_a_load_too_far_for_plain_newton_is_reached_in_steps(trunk, monkeypatch):
     load, Z = Loads(tip_force=(0.0, 0.0, -2000.0)), np.linspace(0, 1.75, 9)  # pushed up
     steps = []
-    honest = statics._Problem.continuation  # the only seam between Newton and continuation
-    monkeypatch.setattr(
-        statics._Problem, "continuation", lambda self: steps.append(1) or honest(self)
-    )
+    raise_load = statics.raise_load
+    monkeypatch.setattr(statics, "raise_load", lambda rod: steps.append(1) or raise_load(rod))
     shape = solve_statics(trunk, np.stack([REST, REST]), loads=[Loads(), load])
     assert len(steps) == 1  # plain Newton failed for the second rod only
     r, _, m = reference.march(trunk, REST, (0, 0), [load], shape.moment([0.0])[1, 0], Z)
@@ -118,7 +116,7 @@ def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):
 
 
 def test_without_any_convergence_the_load_fraction_is_zero(trunk, monkeypatch):
-    monkeypatch.setattr(statics, "MAX_ITERATIONS", 1)
+    monkeypatch.setattr(newton, "MAX_ITERATIONS", 1)
     with pytest.raises(StaticsError) as caught:
         solve_statics(trunk, REST)
     assert caught.value.load_fraction == 0.0

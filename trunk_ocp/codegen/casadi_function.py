@@ -14,7 +14,7 @@ import numpy as np
 
 from ..model.quaternions import directors, product
 from ..rod.collocation import gauss
-from ..rod.statics import DEFECT
+from ..rod.statics import MAX_DEFECT
 from .model import OUTPUTS, Model
 from .space_rod import base, rates, report, spiral, turn
 
@@ -64,7 +64,7 @@ def loaded(model: Model) -> ca.Function:
     left = ca.vertcat(ca.horzcat(pose[:4], ca.reshape(q, 4, E - 1)), ca.reshape(M, 3, E))
     _, end, steps = element(left, ca.reshape(Q, 4 * d, E), constants)
     coarse = ca.fabs(ca.sum1(ca.reshape(Q, 4, d * E) ** 2) - 1)
-    end = end.attachAssert(ca.mmax(coarse) <= DEFECT, TOO_COARSE)
+    end = end.attachAssert(ca.mmax(coarse) <= MAX_DEFECT, TOO_COARSE)
     states = ca.horzcat(left, end[:, -1])
     line = ca.cumsum(ca.horzcat(pose[4:], steps), 1)
     y = _reported(model, states, line, strain, mean, loads)

@@ -14,7 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ..model.anatomy import Muscle, Trunk
 from ..model.loads import Loads
-from ..rod.statics import Shape, solve_statics
+from ..rod.shape import Shape
+from ..rod.statics import solve_statics
 from ..scene.body import muscle_body, outline
 from ..scene.colors import group_colors, groups
 from . import style

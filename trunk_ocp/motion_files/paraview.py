@@ -16,7 +16,7 @@ import numpy as np
 from .._support.atomic_files import write
 from ..model.anatomy import Trunk
 from ..planning.plan import Plan
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from ..scene.body import Body, muscle_body, trunk_body
 from ..scene.keyframes import Keyframes, at_steps
 

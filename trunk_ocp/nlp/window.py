@@ -23,7 +23,7 @@ from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection
 from ..rod.collocation import Mesh
 from ..rod.equations import point_parameters
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from .nlp_builder import Block, NLPBuilder
 from .point_functions import (
     director,

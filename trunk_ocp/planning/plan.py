@@ -21,7 +21,8 @@ from ..problem.motion import Motion
 from ..problem.targets import HeldDirection
 from ..rod.buckling import Stability, stability
 from ..rod.collocation import Mesh
-from ..rod.statics import Shape, refined, solve_statics
+from ..rod.shape import Shape
+from ..rod.statics import refined, solve_statics
 from .verification import Verification, verify
 
 

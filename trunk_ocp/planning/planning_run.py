@@ -18,7 +18,9 @@ from ..nlp.window import Window
 from ..problem.motion import Bounds, Motion, Step, allowed
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
-from ..rod.statics import Shape, shape_of_states, solve_statics, unloaded_shape
+from ..rod.rod_batch import shape_of_states, unloaded_shape
+from ..rod.shape import Shape
+from ..rod.statics import solve_statics
 from .checkpoint import Checkpoint
 from .plan import Plan, loads_of
 from .state import Options, State

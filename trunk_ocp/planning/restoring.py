@@ -20,9 +20,10 @@ from ..model.anatomy import AnatomySpec
 from ..nlp.window import Weights
 from ..problem.motion import Motion, build_motion
 from ..problem.problem_file import MOST_STEPS, ProblemSpec
+from ..rod.arguments import check_mesh
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
-from ..rod.statics import check_mesh, shape_of_states
+from ..rod.rod_batch import shape_of_states
 from .plan import MODES, Plan, loads_of
 from .records import check_near, count, entries, fits, json_of, number, solve_of, table, words
 

@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, internal_force
-from ..rod.block_gaps import close_gaps
-from ..rod.statics import Shape
+from ..rod.linear_bvp import solve_linear_bvp
+from ..rod.shape import Shape
 from .independent_rod import TOLERANCE, Rods, Trajectory, base_frames, dop853, jumps_of
 
 TURN = 2.0
@@ -157,7 +157,7 @@ class _TwoPoint:
                 return None
             if again:
                 tangents = self._tangents(found[-1])
-            step = close_gaps(tangents, self._gaps(found[-1][0])[..., None])[..., 0]
+            step = solve_linear_bvp(tangents, self._gaps(found[-1][0])[..., None])[..., 0]
             size = np.abs(step).max(axis=(1, 2))
             self.lost |= ~(size < FARTHEST)
             size[self.lost] = 0.0

@@ -17,7 +17,7 @@ from ..model.activation import mean_extension, stiffness, strains
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, internal_force
 from ..problem.motion import Motion, allowed
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from .independent_rod import Trajectory, integrate
 from .two_point import equilibria
 

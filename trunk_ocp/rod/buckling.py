@@ -35,7 +35,7 @@ from ..model.activation import intrinsic_strain, mean_extension, stiffness, stra
 from ..model.anatomy import check_activation
 from ..model.loads import Loads, internal_force
 from .collocation import Mesh, gauss
-from .statics import Shape
+from .shape import Shape
 
 MOST_DENSE = 240  # unknowns of a matrix; beyond, elements are condensed one by one
 LARGEST = 1e12  # share of the stiffness that is looked for

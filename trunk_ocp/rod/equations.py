@@ -1,8 +1,8 @@
-"""The loaded rod: balance and kinematics of eqs. (14), (15), symbolic, at one point Z.
+"""The loaded rod: balance and kinematics (eqs. 14, 15) at one point Z, as a CasADi function.
 
-Everything else - statics, transcription, derivatives - evaluates this one function at many
-points. The state is x = (q, m): the director frame as a quaternion and the internal moment
-in the directors. The centerline is a quadrature of the state and stays outside it.
+Statics, transcription and derivatives all evaluate this one function, at many points. The state
+is x = (q, m): the director frame as a quaternion, and the internal moment in the directors. The
+centerline is an integral of the state and is kept outside it.
 """
 
 from __future__ import annotations
@@ -15,11 +15,19 @@ import numpy as np
 from ..model.activation import stiffness
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, couple_density, internal_force
-from ..model.quaternions import directors, dot, product
+from ..model.quaternions import Scalar, directors, dot, product
 
-STATES = 7  # q (4) and m (3)
-STRAINS = 5  # zeta_hat and c (3) of the segment, mean of zeta_hat over the trunk
-RATES = 10  # q', m', r'
+# The state, and the rates, which add r'.
+STATES, RATES = 7, 10
+ORIENTATION, MOMENT, POSITION = slice(0, 4), slice(4, 7), slice(7, 10)
+
+# Arguments w of `rates`: state, strain numbers of the segment, mean extension, tip force.
+ARGUMENTS, STRAINS = 15, 5
+STRAIN, MEAN, TIP_FORCE = slice(7, 11), 11, slice(12, 15)
+
+# Parameters p of `rates`.
+PARAMETERS = 11
+TAPER, STIFFNESS, FORCE, COUPLE = 0, slice(1, 5), slice(5, 8), slice(8, 11)
 
 
 @cache
@@ -30,19 +38,18 @@ def rates() -> ca.Function:
     p (11): f(Z); K_0, K_1, K_2, K_3 of the initial shape; force (3) in N on the section
     apart from V and couple density (3) in N, both in space axes.
     """
-    w, p = ca.SX.sym("w", STATES + STRAINS + 3), ca.SX.sym("p", 11)
-    q, m = ca.vertsplit(w[0:4]), ca.vertsplit(w[4:7])
-    zeta_hat, c, mean = w[7], ca.vertsplit(w[8:11]), w[11]
-    taper, K0, K1, K2, K3 = ca.vertsplit(p[0:5])
-    force, couple = ca.vertsplit(w[12:15] + p[5:8]), ca.vertsplit(p[8:11])
+    w, p = rate_arguments()
+    q, m = ca.vertsplit(w[ORIENTATION]), ca.vertsplit(w[MOMENT])
+    (zeta_hat, *c), mean = ca.vertsplit(w[STRAIN]), w[MEAN]
+    taper, (K0, *K) = p[TAPER], ca.vertsplit(p[STIFFNESS])
+    force, couple = ca.vertsplit(w[TIP_FORCE] + p[FORCE]), ca.vertsplit(p[COUPLE])
 
     d = directors(q)
     n1, n2, n3 = (dot(d_i, force) for d_i in d)
     l1, l2, l3 = (dot(d_i, couple) for d_i in d)
-    # Stiffness of the activated shape: R_0*^2 = R_0^2 / mean(zeta_hat), eq. (30).
-    zeta = zeta_hat * (1 + n3 * mean / K0)
+    zeta = loaded_extension(zeta_hat, mean, n3, K0)
     u1, u2, u3 = (
-        c_i / taper + m_i * mean**2 / K_i for c_i, m_i, K_i in zip(c, m, (K1, K2, K3), strict=True)
+        loaded_curvature(c_i / taper, mean, m_i, K_i) for c_i, m_i, K_i in zip(c, m, K, strict=True)
     )
     spin = (0, zeta_hat * u1, zeta_hat * u2, zeta_hat * u3)
     dq = [rate / 2 for rate in product(q, spin)]
@@ -55,8 +62,30 @@ def rates() -> ca.Function:
     return ca.Function("rates", [w, p], [ca.vertcat(*dq, *dm, *dr)], ["w", "p"], ["rates"])
 
 
+def rate_arguments() -> tuple[ca.SX, ca.SX]:
+    """Symbols (w, p) for `rates`."""
+    return ca.SX.sym("w", ARGUMENTS), ca.SX.sym("p", PARAMETERS)
+
+
+def loaded_extension(zeta_hat: Scalar, mean: Scalar, n3: Scalar, K0: Scalar) -> Scalar:
+    """Extension zeta under the axial force n_3 in N (eq. 15); numbers, arrays or symbols.
+
+    K_0 is that of the initial shape. By R_0*^2 = R_0^2 / mean (eq. 30) the activated shape, whose
+    extension averages `mean`, has K_0 / mean.
+    """
+    return zeta_hat * (1 + n3 * mean / K0)
+
+
+def loaded_curvature(u_hat: Scalar, mean: Scalar, m: Scalar, K: Scalar) -> Scalar:
+    """Curvature or twist u_i in 1/m under the moment m_i in N m (eq. 15), as `loaded_extension`.
+
+    K_i goes with R_0^4, so that of the activated shape is K_i / mean^2.
+    """
+    return u_hat + m * mean**2 / K
+
+
 def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray) -> np.ndarray:
-    """Parameters p of `rates` at points Z (n,), as (11, n); the tip force is not in them."""
+    """Parameters p of `rates` (11, n) at points Z (n,), without the tip force, which is in w."""
     Z = np.asarray(Z, dtype=float)
     force = internal_force(loads, trunk, Z) - np.asarray(loads.tip_force)
     return np.vstack(

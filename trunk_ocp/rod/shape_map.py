@@ -30,10 +30,11 @@ from ..model.activation import (
 from ..model.anatomy import Trunk
 from ..model.head import base_pose
 from ..model.loads import Loads
+from .arguments import check_controls
 from .collocation import mesh_for
 from .equations import point_parameters
 from .point_shapes import PointShapes
-from .statics import check_controls, points_on
+from .shape import points_on
 from .tip_jacobian import base_slopes, tangent_slope
 
 DEFECT = 1e-7  # with which a shape counts as resolved; see PointShapes.defect
@@ -229,7 +230,7 @@ class ShapeMap:
         shapes: tuple[int, ...] = (),
     ) -> _Controls:
         """Checked arguments, with the axes of `shapes` that come with them."""
-        activation, head = check_controls(self.trunk, activation, head, collapsed=not self.strict)
+        activation, head = check_controls(self.trunk, activation, head, not self.strict)
         axes = [activation.shape[:-1], head.shape[:-1], *([shapes] if shapes else [])]
         try:
             batch = np.broadcast_shapes(*axes)

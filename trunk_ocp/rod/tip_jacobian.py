@@ -14,15 +14,29 @@ import numpy as np
 
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError
-from ..model.activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
+from ..model.activation import mean_extension, segment_at, segment_fractions, strain_matrix
 from ..model.anatomy import Head
 from ..model.head import base_pose
 from ..model.loads import Loads
 from ..model.quaternions import directors
-from .block_gaps import close_gaps
+from .arguments import check_controls
 from .collocation import gauss
-from .equations import STATES, STRAINS, point_parameters, rates
-from .statics import Shape, check_controls, edge_units
+from .condensed import condense
+from .equations import (
+    ARGUMENTS,
+    MEAN,
+    ORIENTATION,
+    POSITION,
+    RATES,
+    STATES,
+    STRAIN,
+    STRAINS,
+    TIP_FORCE,
+    point_parameters,
+    rate_arguments,
+    rates,
+)
+from .shape import Shape
 
 
 @deferred_interrupts()
@@ -55,64 +69,46 @@ def tip_jacobian(
     activation, head = check_controls(trunk, activation, head)
     if shape.states.ndim != 3 or activation.ndim != 1 or head.ndim != 1:
         raise InputError("shape, activation, head: expected one of each, no batch.")
-    E, d, element, h = mesh.elements, mesh.degree, gauss(mesh.degree), mesh.widths
-    by_state, by_strain = _slopes(shape, activation, loads)
-    per_muscle = _strain_slopes(shape)  # (E, 5, muscles + 2)
-    forced = by_strain @ per_muscle[:, None]  # (E, d, 10, muscles + 2)
+    by_state, by_strain = _rate_slopes(shape, loads)
+    forced = by_strain @ _strain_slopes(shape)[:, None]  # (E, d, 10, muscles + 2)
+    h, element = mesh.widths[:, None, None, None], gauss(mesh.degree)
+    elements = condense(mesh, by_state[None, ..., :STATES, :], (h * forced)[None, ..., :STATES, :])
 
-    # Response of each element's Gauss points to its left edge (7) and to the unknowns.
-    n = d * STATES
-    matrix = np.zeros((E, d, STATES, d, STATES))
-    right = np.zeros((E, d, STATES, STATES + forced.shape[-1]))
-    same = np.arange(STATES)
-    matrix[:, :, same, :, same] = element.derivative[:, 1:]
-    for j in range(d):
-        matrix[:, j, :, j, :] -= h[:, None, None] * by_state[:, j, :STATES]
-    right[:, :, same, same] = -element.derivative[:, 0][:, None]
-    right[..., STATES:] = h[:, None, None, None] * forced[..., :STATES, :]
-    inner = np.linalg.solve(matrix.reshape(E, n, n), right.reshape(E, n, -1))
-    inner = inner.reshape(E, d, STATES, -1)
+    # The head turns the first edge, and what follows from that enters as a gap behind it.
+    r0_slope, q0_slope = base_slopes(trunk.head, head)
+    gaps = np.zeros_like(elements.offsets)
+    gaps[0, 0, :, -2:] = elements.maps[0, 0, :, ORIENTATION] @ q0_slope
+    edges = elements.at_edges(trunk, mesh, gaps)
+    edges[0, 0, ORIENTATION, -2:] = q0_slope
 
-    # All edges together; m(0) is what keeps m(L) at zero.
-    at_end = element.value(1.0)
-    r0_slope, q0_slope = base_slopes(trunk.head, np.asarray(head, dtype=float))
-    response = np.einsum("j,kjxc->kxc", at_end[1:], inner)
-    maps, gaps = response[..., :STATES] + at_end[0] * np.eye(STATES), response[..., STATES:]
-    gaps[0, :, -2:] += maps[0, :, :4] @ q0_slope
-    unit = edge_units(trunk, mesh)
-    scaled = maps * unit[:-1, None] / unit[1:, :, None]
-    by_unknown = close_gaps(scaled[None], (gaps / unit[1:, :, None])[None])[0] * unit[..., None]
-    by_unknown[0, :4, -2:] = q0_slope
-
-    at_points = inner[..., :STATES] @ by_unknown[:-1, None] + inner[..., STATES:]
-    slopes = by_state[..., STATES:, :] @ at_points + forced[..., STATES:, :]
-    weights = h[:, None] * element.integral(1.0)
+    at_points = elements.at_points(edges[:, :-1])[0]
+    slopes = by_state[..., POSITION, :] @ at_points + forced[..., POSITION, :]
+    weights = mesh.widths[:, None] * element.integral(1.0)
     position = np.einsum("ed,edci->ci", weights, slopes)
     position[:, -2:] += r0_slope
-    tangent = tangent_slope(shape.state(np.array([trunk.length]))[0, :4]) @ by_unknown[-1, :4]
-    return position, tangent
+    q = shape.state(np.array([trunk.length]))[0, ORIENTATION]
+    return position, tangent_slope(q) @ edges[0, -1, ORIENTATION]
 
 
-def _slopes(shape: Shape, activation: np.ndarray, loads: Loads) -> tuple[np.ndarray, np.ndarray]:
+def _rate_slopes(shape: Shape, loads: Loads) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the rates: by state (E, d, 10, 7), by strain (E, d, 10, 5)."""
     trunk, mesh = shape.trunk, shape.mesh
     E, d = mesh.elements, mesh.degree
-    strain = strains(trunk, np.asarray(activation, dtype=float))
-    w = np.empty((E, d, 15))
+    w = np.empty((E, d, ARGUMENTS))
     w[..., :STATES] = shape.states[:, 1:]
-    w[..., 7:11] = strain[segment_at(trunk, mesh.points[:, 0])][:, None]
-    w[..., 11] = mean_extension(trunk, strain)
-    w[..., 12:] = loads.tip_force
+    w[..., STRAIN] = shape.intrinsic[segment_at(trunk, mesh.points[:, 0])][:, None]
+    w[..., MEAN] = mean_extension(trunk, shape.intrinsic)
+    w[..., TIP_FORCE] = loads.tip_force
     p = point_parameters(trunk, loads, mesh.points.ravel())
-    jacobian = np.asarray(_rates_jacobian()(w.reshape(-1, 15).T, p)).T.reshape(E, d, 12, 10)
-    jacobian = jacobian.swapaxes(-1, -2)
+    columns = np.asarray(_rates_jacobian()(w.reshape(-1, ARGUMENTS).T, p)).T
+    jacobian = columns.reshape(E, d, STATES + STRAINS, RATES).swapaxes(-1, -2)
     return jacobian[..., :STATES], jacobian[..., STATES:]
 
 
 @cache
 def _rates_jacobian() -> ca.Function:
     """Jacobian of `rates` by states and strains, column by column."""
-    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    w, p = rate_arguments()
     jacobian = ca.jacobian(rates()(w, p), w)[:, : STATES + STRAINS]
     return ca.Function("rates_jacobian", [w, p], [ca.vec(ca.densify(jacobian))])
 

@@ -21,7 +21,7 @@ import numpy as np
 from ..errors import InputError
 from ..model.anatomy import Muscle, Trunk
 from ..rod.collocation import gauss
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 
 ARC = np.radians(7.5)  # largest angle between two points of an arc
 

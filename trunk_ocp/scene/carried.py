@@ -14,7 +14,7 @@ from ..problem.interpolation import interpolate
 from ..problem.motion import Motion
 from ..problem.problem_file import LogSpec, PhaseSpec, WrapSpec
 from ..problem.targets import HeldDirection, Target
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from .colors import MASS
 
 FRUIT_DENSITY = 1000.0  # kg/m^3; a tip mass is drawn as a ball of water

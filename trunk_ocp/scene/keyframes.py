@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError, StaticsError
 from ..planning.plan import Plan, Sample
 from ..rod.collocation import Mesh
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 
 NEAR = 0.03 / 1.75  # of the trunk's length, between it and the mean of its neighbors' positions
 HALVINGS = 5  # at most, between two time steps

@@ -10,7 +10,8 @@ from ..errors import TrunkError
 from ..model.loads import Loads
 from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
-from ..rod.statics import Shape, solve_statics
+from ..rod.shape import Shape
+from ..rod.statics import solve_statics
 
 SAME = 1e-9  # s; times as near as this are one
 

@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..model.anatomy import Muscle, Trunk
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from .body import Body, disc, frames, outline, swept
 
 EDGE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one

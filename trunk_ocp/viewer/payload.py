@@ -23,7 +23,7 @@ from ..model.quaternions import about_y, about_z, directors, product
 from ..planning.plan import Plan, Sample, Status
 from ..problem.interpolation import with_marks
 from ..problem.motion import Motion
-from ..rod.statics import Shape
+from ..rod.shape import Shape
 from ..scene.body import frames, outline
 from ..scene.carried import arrows, carried, targets
 from ..scene.colors import group_colors

@@ -10,7 +10,8 @@ import numpy as np
 from trunk_ocp.model.activation import mean_extension, segment_at, stiffness, strains
 from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.rod.collocation import gauss, mesh_for
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
 
 from .case import Case, Values
 from .rods import CONTACT, EVERYTHING, activation_for, bender, contractions, elephant, heads

@@ -10,7 +10,8 @@ from scipy.integrate import quad
 
 from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.rod.collocation import mesh_for
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
 
 from .case import Case, Values, flat
 from .rods import HORIZONTAL, NONE, activation_for, bender, rod, wire

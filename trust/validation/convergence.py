@@ -9,7 +9,8 @@ import numpy as np
 from trunk_ocp.model.anatomy import Trunk
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.collocation import Mesh
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
 from .case import Case, Values, flat

@@ -13,7 +13,8 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.collocation import mesh_for
-from trunk_ocp.rod.statics import Shape, solve_statics
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
 
 from .case import Case, Values
 from .rods import NONE, activation_for, bender, wire

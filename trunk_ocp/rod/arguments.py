@@ -1,0 +1,76 @@
+"""Checks of the arguments that the solvers of this folder share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import InputError
+from ..model.activation import strains
+from ..model.anatomy import Trunk, check_activation
+from ..model.loads import Loads
+from .collocation import Mesh
+
+
+def check_controls(
+    trunk: Trunk,
+    activation: np.ndarray,
+    head: np.ndarray | tuple[float, float],
+    allow_collapse: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Activations (..., muscles) and head angles (..., 2) as float arrays.
+
+    allow_collapse : whether activations that collapse a segment may pass.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, values that are not finite, or an activation that collapses a segment.
+    """
+    activation = check_activation(trunk, activation)
+    head = np.asarray(head, dtype=float)
+    if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
+        raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
+    zeta = strains(trunk, activation)[..., 0]
+    if np.any(zeta <= 0) and not allow_collapse:
+        worst = np.unravel_index(np.argmin(zeta), zeta.shape)[:-1]
+        which = f"[{', '.join(map(str, worst))}]" if worst else ""
+        raise InputError(
+            f"activation{which}: contracts a segment to {zeta.min():.3g} of its length; "
+            "the extension must stay above 0."
+        )
+    return activation, head
+
+
+def check_batch(activation: np.ndarray, head: np.ndarray, loads: int) -> tuple[int, ...]:
+    """Leading axes of the shapes for controls and a number of loads, along the last axis.
+
+    Raises
+    ------
+    InputError
+        If they do not match.
+    """
+    axes = activation.shape[:-1], head.shape[:-1]
+    try:
+        batch = np.broadcast_shapes(*axes, () if loads == 1 else (loads,))
+    except ValueError:
+        batch = (0,)
+    if loads == 0 or 0 in batch or (loads > 1 and batch[-1] != loads):
+        raise InputError(
+            f"activation, head and loads: expected leading axes that match, got {axes[0]} "
+            f"and {axes[1]} with {loads} loads."
+        )
+    return batch
+
+
+def check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
+    """Raise InputError unless a mesh covers the trunk, with an edge on every jump."""
+    jumps = {*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None}
+    ends = (mesh.edges[0], mesh.edges[-1])
+    increasing = bool(np.all(mesh.widths > 0))
+    if not increasing or ends != (0.0, trunk.length) or not jumps <= {*mesh.edges}:
+        raise InputError(
+            f"mesh: expected edges from 0 to {trunk.length:g} m, with one at every segment end and "
+            "start of contact; mesh_for makes such a mesh."
+        )
