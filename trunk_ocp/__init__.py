@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from .planning.replanning import Replanner
     from .planning.state import Options
     from .planning.storage import load_plan, save_plan
-    from .problem.motion import Motion, load_motion
+    from .problem.build import load_motion
+    from .problem.motion import Motion
     from .problem.problem_file import problem_schema
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, stability
@@ -45,7 +46,8 @@ _HOMES = {
     "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
     "analysis.lookahead_study": ("foresight", "front", "survey"),
     "model.loads": ("Loads",),
-    "problem.motion": ("Motion", "load_motion"),
+    "problem.build": ("load_motion",),
+    "problem.motion": ("Motion",),
     "analysis.multistart": ("optima",),
     "planning.planner": ("plan_from", "plan_motion"),
     "rod.point_shapes": ("PointShapes",),

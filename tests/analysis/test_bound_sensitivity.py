@@ -12,7 +12,8 @@ from trunk_ocp.nlp.ipopt import WARM, Optimizer
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
-from trunk_ocp.problem.motion import Bounds, allowed, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds, allowed
 
 SHARE = 0.1  # of the told move, by which bounds are really moved, both ways
 

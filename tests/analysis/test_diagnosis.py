@@ -20,7 +20,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.replanning import Replanner
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan
-from trunk_ocp.problem.motion import Bounds, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.reporting import Reporter
 from trust import reference
 

@@ -36,7 +36,8 @@ from trunk_ocp.figures import redundancy as figure
 from trunk_ocp.model.activation import strain_matrix, strains
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import save_plan
-from trunk_ocp.problem.motion import allowed, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import allowed
 from trunk_ocp.rod.statics import solve_statics
 
 VERSIONS = ("plan", "least effort", "fewest muscles")

@@ -28,7 +28,7 @@ from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.rod.collocation import Mesh
 from trunk_ocp.rod.statics import solve_statics
 from trust.answers import wrongs

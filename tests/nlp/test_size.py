@@ -13,7 +13,7 @@ from trunk_ocp.nlp.size import check_size, size_of
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.state import Options, State, first_mesh
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 

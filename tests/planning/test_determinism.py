@@ -18,7 +18,7 @@ from trunk_ocp.cli import commands
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan, summary
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 # Plans a motion, and another one before it if asked to; prints a fingerprint of every number.

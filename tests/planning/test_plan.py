@@ -10,7 +10,8 @@ from trunk_ocp.analysis.measures import compare, measure
 from trunk_ocp.cli.tables import step_table
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Bounds, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.rod.statics import solve_statics
 
 

@@ -15,7 +15,7 @@ from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan, summary
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 SECONDS = ("setup_seconds", "solve_seconds", "derivative_seconds", "total_seconds")

@@ -18,7 +18,8 @@ from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.two_point import equilibria
 from trunk_ocp.planning.verification import LARGEST_TURN, verify
-from trunk_ocp.problem.motion import Auxiliary, Bounds, build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.motion import Auxiliary, Bounds
 from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.rod.block_gaps import close_gaps
 from trunk_ocp.rod.collocation import mesh_for

@@ -43,8 +43,7 @@ ALIKE = 1e-6
 
 def equal_bounds(motion: Motion) -> Motion:
     """The motion without auxiliary problems: every lookahead then has the horizon's bounds."""
-    steps = tuple(replace(s, auxiliary=None) for s in motion.steps)
-    return replace(motion, spec=unaided_spec(motion.spec), steps=steps)
+    return motion.with_spec(unaided_spec(motion.spec))
 
 
 @dataclass(frozen=True)

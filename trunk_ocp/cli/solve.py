@@ -25,7 +25,8 @@ from ..planning.planner import plan_motion
 from ..planning.results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
 from ..planning.state import Options, mode_of
 from ..planning.storage import activations_table, save_plan, summary
-from ..problem.motion import Motion, load_motion
+from ..problem.build import load_motion
+from ..problem.motion import Motion
 from ..reporting import Reporter
 from .common import tell, verdict
 from .ending import optional, warn

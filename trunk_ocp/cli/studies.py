@@ -20,7 +20,7 @@ from ..analysis.redundancy import AblationResult, needed, redundancy, report
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
-from ..problem.motion import load_motion
+from ..problem.build import load_motion
 from ..reporting import Reporter
 from .common import finished, tell
 from .ending import Command, optional

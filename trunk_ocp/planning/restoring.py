@@ -18,7 +18,8 @@ from .._support.toml_files import check_json
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec
 from ..nlp.window import Weights
-from ..problem.motion import Motion, build_motion
+from ..problem.build import build_motion
+from ..problem.motion import Motion
 from ..problem.problem_file import MOST_STEPS, ProblemSpec
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES

@@ -26,7 +26,7 @@ from .._support.netcdf import read_netcdf
 from .._support.provenance import fingerprint
 from .._support.toml_files import printable, read_bytes
 from ..errors import InputError
-from ..problem.built import as_built
+from ..problem.build import as_built
 from .plan import Plan, Status
 from .records import recorded
 from .restoring import check_size, check_texts, restored
