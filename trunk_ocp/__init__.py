@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from .model.loads import Loads
     from .nlp.window import Weights
     from .planning.checkpoint import Checkpoint
+    from .planning.options import Options
     from .planning.plan import Plan, PlanError, Status
     from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
-    from .planning.state import Options
     from .planning.storage import load_plan, save_plan
     from .problem.build import load_motion
     from .problem.motion import Motion
@@ -59,7 +59,7 @@ _HOMES = {
     "planning.plan": ("Plan", "PlanError", "Status"),
     "rod.buckling": ("Stability", "stability"),
     "rod.statics": ("Shape", "solve_statics"),
-    "planning.state": ("Options",),
+    "planning.options": ("Options",),
     "planning.storage": ("load_plan", "save_plan"),
     "nlp.window": ("Weights",),
 }

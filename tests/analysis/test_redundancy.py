@@ -103,7 +103,8 @@ def columns(plan, segment):
 
 def boxes(plan):
     """Bounds (H, muscles) of a plan, a little wider for what Ipopt exceeds them by."""
-    every = [allowed(plan.motion, s, plan.near.get(t)) for t, s in enumerate(plan.motion.steps)]
+    steps = enumerate(plan.motion.steps)
+    every = [allowed(plan.motion, step, plan.auxiliary.get(t)) for t, step in steps]
     return (
         np.array([box.lower[:-2] for box in every]) - 1e-8,
         np.array([box.upper[:-2] for box in every]) + 1e-8,

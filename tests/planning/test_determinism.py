@@ -15,8 +15,8 @@ from plans import POINT, first_steps, written
 
 from trunk_ocp._support.provenance import fingerprint, versions
 from trunk_ocp.cli import commands
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan, summary
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter

@@ -391,7 +391,7 @@ def test_bounds_on_change_hold_unless_an_auxiliary_solution_binds():
     little = np.full(4, 0.01)
     for reach, free in ((math.inf, False), (0.5, True)):
         own = replace(step, change=Bounds(-little, little), auxiliary=Auxiliary(reach, math.inf))
-        near = replace(plan, motion=replace(plan.motion, steps=(own,)), near={0: plan.x[0]})
+        near = replace(plan, motion=replace(plan.motion, steps=(own,)), auxiliary={0: plan.x[0]})
         faults = near.verification.faults
         assert any("a bound on change" in fault for fault in faults) != free
 

@@ -20,9 +20,9 @@ import numpy as np
 from .._support.process_pool import Done, run
 from ..errors import InputError
 from ..nlp.window import Weights
+from ..planning.options import Options
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_from, plan_motion
-from ..planning.state import Options
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter

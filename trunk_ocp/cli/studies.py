@@ -52,7 +52,7 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
         place = out / own.relative_to(folder) if out else own
         with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
             found = redundancy(plan)
-        if ask and plan.near:
+        if ask and plan.auxiliary:
             console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
         elif ask:
             found = replace(found, needs=_needs(plan, console))

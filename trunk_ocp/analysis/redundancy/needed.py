@@ -9,9 +9,9 @@ import numpy as np
 
 from ..._support.process_pool import run
 from ...errors import InputError
+from ...planning.options import Options
 from ...planning.plan import Plan
 from ...planning.planner import plan_motion
-from ...planning.state import Options
 from ...problem.motion import Motion
 from ...problem.variants import silenced_spec
 from ...reporting import Reporter
@@ -89,7 +89,7 @@ def needed(
     InputError
         If the plan is not verified, follows auxiliary solutions, or a name is unknown.
     """
-    if plan.near:
+    if plan.auxiliary:
         raise InputError(
             f"{plan.motion.name}, {plan.mode}: follows auxiliary solutions, which other muscles "
             "would change; expected a horizon plan."
