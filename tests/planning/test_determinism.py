@@ -27,7 +27,7 @@ import hashlib, sys
 from dataclasses import replace
 import trunk_ocp as to
 from trunk_ocp.model.anatomy import AnatomySpec
-from trunk_ocp.problem.motion import build_motion
+from trunk_ocp.problem.build import build_motion
 
 def told(motion, lookahead):
     plan = to.plan_motion(motion, lookahead)
