@@ -7,6 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from .._support.toml_files import is_file, read_toml, shipped
 from ..errors import InputError
@@ -91,10 +92,16 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
 
 
 def as_built(motion: Motion) -> bool:
-    """Whether a motion still is what its spec and anatomy build, and was not changed by hand."""
+    """Whether a motion is what its spec and anatomy build once they are read back from a file.
+
+    It is not if it was changed by hand after it was built, or if its spec was edited into one that
+    no problem file can have.
+    """
     try:
-        built = build_motion(motion.spec, motion.anatomy)
-    except InputError:
+        spec = ProblemSpec.model_validate_json(motion.spec.model_dump_json())
+        anatomy = AnatomySpec.model_validate_json(motion.anatomy.model_dump_json())
+        built = build_motion(spec, anatomy)
+    except (InputError, ValidationError):
         return False
     names = ("trunk", "phases", "steps", "extension", "box")
     return all(_equal(getattr(motion, name), getattr(built, name)) for name in names)
