@@ -11,8 +11,9 @@ import numpy as np
 import trunk_ocp as to
 from trunk_ocp.nlp.ipopt import IPOPT, Optimizer, derivative_seconds
 from trunk_ocp.nlp.window import Window
+from trunk_ocp.planning.decided_steps import DecidedSteps
+from trunk_ocp.planning.options import Options, first_mesh
 from trunk_ocp.planning.planning_run import PlanningRun
-from trunk_ocp.planning.state import Options, State, first_mesh
 
 from .common import median, run_part
 from .objective import Objective
@@ -80,7 +81,7 @@ def horizon_window(motion: to.Motion) -> tuple[Window, np.ndarray, float]:
     took = time.perf_counter() - began
     mesh = first_mesh(motion, options)
     one_pass = PlanningRun(motion, mesh, "horizon", len(motion.steps), options, Optimizer())
-    window = one_pass.window(0, motion.steps, State())
+    window = one_pass.window(0, motion.steps, DecidedSteps())
     return window, window.pack(plan.x, plan.shape), took
 
 

@@ -20,7 +20,7 @@ from trunk_ocp.model.head import base_pose
 from trunk_ocp.model.quaternions import directors
 from trunk_ocp.nlp.ipopt import IPOPT
 from trunk_ocp.nlp.point_functions import scaled_rates
-from trunk_ocp.planning.state import Options, first_mesh
+from trunk_ocp.planning.options import Options, first_mesh
 from trunk_ocp.problem.motion import Step
 from trunk_ocp.problem.targets import HeldDirection
 from trunk_ocp.rod.collocation import gauss

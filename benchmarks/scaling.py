@@ -13,7 +13,7 @@ import numpy as np
 
 import trunk_ocp as to
 from trunk_ocp.model.anatomy import AnatomySpec, read_anatomy
-from trunk_ocp.problem.motion import build_motion, problems_folder
+from trunk_ocp.problem.build import build_motion, problems_folder
 from trunk_ocp.problem.problem_file import ProblemSpec
 
 from .common import median, run_part

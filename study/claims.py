@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 from .page import Fields, less
 

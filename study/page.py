@@ -20,7 +20,7 @@ from trunk_ocp.analysis.lookahead_study import TRACKING_ONLY
 from trunk_ocp.analysis.measures import REVERSAL, reversals
 from trunk_ocp.analysis.multistart import SAME
 from trunk_ocp.analysis.redundancy.ranges import AT_REST
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 from . import data
 

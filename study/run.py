@@ -32,7 +32,7 @@ from trunk_ocp.figures.redundancy import draw_redundancy
 from trunk_ocp.planning.active_bounds import touching
 from trunk_ocp.planning.plan import Plan
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 from . import data
 from .page import write_page

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from .model.loads import Loads
     from .nlp.window import Weights
     from .planning.checkpoint import Checkpoint
+    from .planning.options import Options
     from .planning.plan import Plan, PlanError, Status
     from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
-    from .planning.state import Options
     from .planning.storage import load_plan, save_plan
-    from .problem.motion import Motion, load_motion
+    from .problem.build import load_motion
+    from .problem.motion import Motion
     from .problem.problem_file import problem_schema
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, stability
@@ -46,7 +47,8 @@ _HOMES = {
     "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
     "analysis.lookahead_study": ("foresight", "front", "survey"),
     "model.loads": ("Loads",),
-    "problem.motion": ("Motion", "load_motion"),
+    "problem.build": ("load_motion",),
+    "problem.motion": ("Motion",),
     "analysis.multistart": ("optima",),
     "planning.planner": ("plan_from", "plan_motion"),
     "rod.point_shapes": ("PointShapes",),
@@ -59,7 +61,7 @@ _HOMES = {
     "rod.buckling": ("Stability", "stability"),
     "rod.shape": ("Shape",),
     "rod.statics": ("solve_statics",),
-    "planning.state": ("Options",),
+    "planning.options": ("Options",),
     "planning.storage": ("load_plan", "save_plan"),
     "nlp.window": ("Weights",),
 }

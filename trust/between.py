@@ -23,7 +23,7 @@ import numpy as np
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.plan import Plan
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trust import reference
 
 ALLOWED = 1e-4

@@ -37,7 +37,8 @@ from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan
-from trunk_ocp.problem.motion import Motion, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Motion
 
 from .answers import wrongs
 from .mutations import HOSTILE, places

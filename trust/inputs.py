@@ -27,7 +27,7 @@ from hypothesis import strategies as st
 
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import dataset, save_plan
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 from .mutations import HOSTILE, damaged, mutated
 from .toml import toml

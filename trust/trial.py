@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from trunk_ocp.errors import InputError
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan
-from trunk_ocp.problem.motion import Motion, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Motion
 from trunk_ocp.reporting import Progress, Reporter
 
 from .answers import wrongs

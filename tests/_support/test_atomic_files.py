@@ -16,7 +16,7 @@ from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 NAMES = (
     ".x.part", ".solution.123.part.nc", ".part", ".summary.4242.part.json", "..part.", ".lock",

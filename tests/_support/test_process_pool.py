@@ -21,7 +21,7 @@ from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 FAR = TOUCH.replace("position = [0.6, 0.1, 1.2]", "position = [3.0, 0.1, 1.2]")

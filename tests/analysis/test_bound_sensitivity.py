@@ -10,9 +10,10 @@ from plans import TOUCH, first_steps, written
 from trunk_ocp.analysis.bound_sensitivity import PART, responses
 from trunk_ocp.nlp.ipopt import WARM, Optimizer
 from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
-from trunk_ocp.problem.motion import Bounds, allowed, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds, allowed
 
 SHARE = 0.1  # of the told move, by which bounds are really moved, both ways
 
@@ -66,9 +67,9 @@ def moved(motion, response, share):
 def optimum(plan, motion, first, last):
     """Distances at all targets of steps first to last - 1, and the objective, solved anew."""
     steps = list(motion.steps[first:last])
-    if first in plan.near:
+    if first in plan.auxiliary:
         anything = Bounds(-np.full(plan.x.shape[1], np.inf), np.full(plan.x.shape[1], np.inf))
-        box = allowed(motion, steps[0], plan.near[first])
+        box = allowed(motion, steps[0], plan.auxiliary[first])
         steps = [replace(steps[0], box=box, change=anything)]
     before = plan.x[first - 1] if first else np.zeros(plan.x.shape[1])
     window = Window(motion, plan.mesh, steps, before, {}, first, plan.weights)
@@ -132,7 +133,7 @@ def test_what_appendix_b_holds_near_an_unloaded_solution_is_told_apart():
     near = [r for r in responses(plan) if "held near its unloaded value" in r.name]
     assert near
     for r in near:  # the head may not move at all away from the unloaded optimum
-        angle = plan.near[r.steps[0] - 1][-2 if "psi_Z" in r.name else -1]
+        angle = plan.auxiliary[r.steps[0] - 1][-2 if "psi_Z" in r.name else -1]
         assert r.value == pytest.approx(np.degrees(angle), abs=1e-9)
 
 

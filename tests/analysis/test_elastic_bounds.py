@@ -20,7 +20,8 @@ from trunk_ocp.analysis.elastic_bounds import (
 from trunk_ocp.model.activation import strain_matrix
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Bounds, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds
 
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
 ROD = (

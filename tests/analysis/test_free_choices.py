@@ -12,8 +12,9 @@ from trunk_ocp.analysis.diagnosis import at_bounds, explain
 from trunk_ocp.analysis.free_choices import one_sided
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.planner import plan_from, plan_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
-from trunk_ocp.problem.motion import Bounds, load_motion
+from trunk_ocp.problem.motion import Bounds
 
 # A leaf above the head, straight ahead, that is reached and held.
 HOLD = """position_weight = 8.0

@@ -29,9 +29,9 @@ from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.nlp.window import Weights
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.problem.motion import REFERENCE_LENGTH
 from trunk_ocp.reporting import Reporter
 
@@ -153,7 +153,7 @@ def lifted():
 
 def test_one_step_ahead_is_the_sequential_solve_without_auxiliary_problems():
     blind = plan_motion(equal_bounds(first_steps("lift-log", 3)), 1)
-    assert blind.near == {}
+    assert blind.auxiliary == {}
     np.testing.assert_array_equal(lifted().curve.blind.x, blind.x)
 
 
@@ -167,8 +167,8 @@ def test_the_papers_way_has_its_feasible_sets_and_no_running_cost():
     paper, costed = lifted().paper, lifted().paper_costed
     assert paper.weights == TRACKING_ONLY
     assert costed.weights == lifted().curve.horizon.weights == Weights()
-    assert set(paper.near) == set(costed.near) == {0, 1, 2}
-    assert all(plan.near == {} for plan in lifted().curve.plans.values())
+    assert set(paper.auxiliary) == set(costed.auxiliary) == {0, 1, 2}
+    assert all(plan.auxiliary == {} for plan in lifted().curve.plans.values())
 
 
 def test_all_objectives_are_by_the_same_weights():

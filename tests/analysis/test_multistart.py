@@ -107,8 +107,8 @@ def test_an_optimum_leads_to_itself(lookahead):
 def test_the_papers_sequential_solve_takes_starts_too():
     motion = first_steps("lift-log", 1)
     plan = plan_motion(motion, 1)
-    again = plan_from(motion, plan.near[0][None], 1)
-    assert set(again.near) == {0}
+    again = plan_from(motion, plan.auxiliary[0][None], 1)
+    assert set(again.auxiliary) == {0}
     assert again.objective.total == pytest.approx(plan.objective.total, rel=1e-4)
 
 

@@ -36,7 +36,8 @@ from trunk_ocp.figures import redundancy as figure
 from trunk_ocp.model.activation import strain_matrix, strains
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import save_plan
-from trunk_ocp.problem.motion import allowed, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import allowed
 from trunk_ocp.rod.statics import solve_statics
 
 VERSIONS = ("plan", "least effort", "fewest muscles")
@@ -102,7 +103,8 @@ def columns(plan, segment):
 
 def boxes(plan):
     """Bounds (H, muscles) of a plan, a little wider for what Ipopt exceeds them by."""
-    every = [allowed(plan.motion, s, plan.near.get(t)) for t, s in enumerate(plan.motion.steps)]
+    steps = enumerate(plan.motion.steps)
+    every = [allowed(plan.motion, step, plan.auxiliary.get(t)) for t, step in steps]
     return (
         np.array([box.lower[:-2] for box in every]) - 1e-8,
         np.array([box.upper[:-2] for box in every]) + 1e-8,

@@ -33,7 +33,7 @@ from trunk_ocp.motion_files import write_glb, write_sto, write_vtk
 from trunk_ocp.planning import checkpoint
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.viewer import write_page
 
 FAULTY = Path(__file__).parents[1] / "support" / "faulty.py"

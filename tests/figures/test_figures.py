@@ -36,7 +36,7 @@ from trunk_ocp.model.head import base_pose
 from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import moments as instants

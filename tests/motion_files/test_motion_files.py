@@ -18,8 +18,8 @@ from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.motion_files import glb, write_glb, write_sto, write_vtk
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.interpolation import interpolate
-from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import keyframes, surfaces

@@ -7,8 +7,9 @@ from plans import MOTIONS, first_steps, planned, shipped
 from trunk_ocp.nlp import ipopt as solver
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.planning import planner
+from trunk_ocp.planning.decided_steps import DecidedSteps
+from trunk_ocp.planning.options import Options, first_mesh
 from trunk_ocp.planning.planning_run import PlanningRun
-from trunk_ocp.planning.state import Options, State, first_mesh
 
 # Iterations of each of the sequential plan's solves, and of the horizon from there. Seen were
 # 16, 17 and 14; 28, 21 and 20; a third to spare for other processors.
@@ -45,7 +46,7 @@ def test_graphs_do_not_grow_with_the_steps(name):
         motion, options = first_steps(name, count), Options()
         mesh = first_mesh(motion, options)
         one = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
-        nlp = one.window(0, motion.steps, State()).nlp
+        nlp = one.window(0, motion.steps, DecidedSteps()).nlp
         return [f.n_instructions() for f in nlp.derivatives().values()]
 
     few, more = operations(4), operations(8)
@@ -60,7 +61,7 @@ def test_unknowns_of_a_step():
     sizes = []
     for count in (5, 10):
         one = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
-        nlp = one.window(0, motion.steps[:count], State()).nlp
+        nlp = one.window(0, motion.steps[:count], DecidedSteps()).nlp
         hessian = nlp.derivatives()["hess_lag"].sparsity_out(0)
         sizes.append((*nlp.size, hessian.nnz()))
     few, many = np.array(sizes)

@@ -15,8 +15,9 @@ import trunk_ocp as to
 from trunk_ocp._support.blas_threads import one_thread
 from trunk_ocp._support.deferred_signals import deferred_interrupts
 from trunk_ocp.nlp.ipopt import Optimizer, Outcome, Solve
+from trunk_ocp.planning.decided_steps import DecidedSteps
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planning_run import PlanningRun
-from trunk_ocp.planning.state import Options, State
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +126,7 @@ def test_multipliers_belong_to_the_point_that_is_returned(plan):
     def cut(most: int, newest: bool = False) -> tuple[Outcome, Solve]:
         optimizer = Optimizer(max_iterations=most)
         work = PlanningRun(motion, plan.mesh, "horizon", count, Options(), optimizer)
-        window = work.window(0, motion.steps, State())
+        window = work.window(0, motion.steps, DecidedSteps())
         start = work.packed(window, np.zeros_like(plan.x))
         return optimizer.solve(window, start, "horizon", "few", newest=newest), optimizer.solves[-1]
 

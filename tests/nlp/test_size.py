@@ -10,10 +10,11 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.nlp import size
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.size import check_size, size_of
+from trunk_ocp.planning.decided_steps import DecidedSteps
+from trunk_ocp.planning.options import Options, first_mesh
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.planning_run import PlanningRun
-from trunk_ocp.planning.state import Options, State, first_mesh
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 
@@ -22,7 +23,7 @@ def test_unknowns_and_equations_are_those_of_the_whole_motion(name):
     motion, options, count = shipped(name), Options(), len(shipped(name).steps)
     mesh = first_mesh(motion, options)
     work = PlanningRun(motion, mesh, "horizon", count, options, Optimizer())
-    unknowns, equations = work.window(0, motion.steps, State()).nlp.size
+    unknowns, equations = work.window(0, motion.steps, DecidedSteps()).nlp.size
     told = size_of(motion, mesh, count)
     # By its largest step each; lift-log's first steps have fewer targets than the last.
     assert unknowns == pytest.approx(told.unknowns, rel=0.2)

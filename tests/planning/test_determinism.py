@@ -15,10 +15,10 @@ from plans import POINT, first_steps, written
 
 from trunk_ocp._support.provenance import fingerprint, versions
 from trunk_ocp.cli import commands
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import load_plan, save_plan, summary
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 # Plans a motion, and another one before it if asked to; prints a fingerprint of every number.
@@ -27,7 +27,7 @@ import hashlib, sys
 from dataclasses import replace
 import trunk_ocp as to
 from trunk_ocp.model.anatomy import AnatomySpec
-from trunk_ocp.problem.motion import build_motion
+from trunk_ocp.problem.build import build_motion
 
 def told(motion, lookahead):
     plan = to.plan_motion(motion, lookahead)

@@ -10,7 +10,8 @@ from trunk_ocp.analysis.measures import compare, measure
 from trunk_ocp.cli.tables import step_table
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Bounds, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.rod.statics import solve_statics
 
 
@@ -163,8 +164,8 @@ def test_a_spoilt_plan_is_caught(plan, spoil, fault):
 def test_steps_near_an_auxiliary_solution_are_checked_against_it():
     sequential = planned("lift-log", "sequential")
     assert sequential.verified
-    elsewhere = {t: near + 0.5 for t, near in sequential.near.items()}
-    moved = replace(sequential, near=elsewhere)
+    elsewhere = {t: near + 0.5 for t, near in sequential.auxiliary.items()}
+    moved = replace(sequential, auxiliary=elsewhere)
     assert any("a bound on activation or head" in text for text in moved.verification.faults)
 
 

@@ -12,9 +12,9 @@ from plans import MOTIONS, first_steps, planned, shipped
 
 from trunk_ocp.errors import InputError, SolverMissingError
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
@@ -83,7 +83,7 @@ def test_activations_and_head_stay_within_bounds(name, mode):
     strongest = 3.0 if name == "pick-fruit" else 3.5
     assert excess(plan.activations, -strongest, 0.0) <= SLACK
     for t, step in enumerate(plan.motion.steps):
-        own = slice(28, None) if t in plan.near else slice(None)
+        own = slice(28, None) if t in plan.auxiliary else slice(None)
         assert excess(plan.x[t, own], step.box.lower[own], step.box.upper[own]) <= SLACK
 
 
@@ -99,23 +99,23 @@ def test_extension_stays_within_what_elephants_do(name, mode):
 @pytest.mark.parametrize("name", MOTIONS)
 def test_the_horizon_obeys_every_bound_on_change(name):
     plan = planned(name, "horizon")
-    assert plan.near == {}
+    assert plan.auxiliary == {}
     for step, change in zip(plan.motion.steps, changes(plan), strict=True):
         assert excess(change, step.change.lower, step.change.upper) <= SLACK
 
 
 def test_the_sequential_fruit_obeys_appendix_b1():
     plan = planned("pick-fruit", "sequential")
-    assert set(plan.near) == {21}
+    assert set(plan.auxiliary) == {21}
     pulling = changes(plan)[1:21]
     assert np.abs(pulling[:, :28]).max() <= 0.4 / 20 + SLACK
     assert np.abs(pulling[:, 28:]).max() <= SLACK
-    assert np.abs(plan.x[21] - plan.near[21])[:28].max() <= 0.3 + SLACK
+    assert np.abs(plan.x[21] - plan.auxiliary[21])[:28].max() <= 0.3 + SLACK
 
 
 def test_the_sequential_lift_obeys_appendix_b2():
     plan = planned("lift-log", "sequential")
-    near = np.array([plan.near[t] for t in range(10)])
+    near = np.array([plan.auxiliary[t] for t in range(10)])
     assert np.abs(plan.x - near)[:, :28].max() <= 0.4 + SLACK
     assert np.abs(plan.x - near)[:, 28:].max() <= SLACK
     first = plan.motion.steps[0].box  # eq. (B.3) bounds the auxiliary problem
@@ -128,7 +128,7 @@ def test_the_sequential_lift_obeys_appendix_b2():
 
 def test_the_sequential_asymmetric_lift_obeys_appendix_b3():
     plan = planned("lift-log-asymmetric", "sequential")
-    assert set(plan.near) == {0}
+    assert set(plan.auxiliary) == {0}
     for step, change in list(zip(plan.motion.steps, changes(plan), strict=True))[1:]:
         assert excess(change, step.change.lower, step.change.upper) <= SLACK
 
@@ -140,9 +140,9 @@ def test_both_lifts_begin_with_the_same_step():
 
 
 @pytest.mark.parametrize(("name", "step"), [("pick-fruit", 21), ("lift-log", 9)])
-def test_auxiliary_solutions_reach_their_targets_without_loads(name, step):
+def test_auxiliary_reach_their_targets_without_loads(name, step):
     plan = planned(name, "sequential")
-    near, motion = plan.near[step], plan.motion
+    near, motion = plan.auxiliary[step], plan.motion
     shape = solve_statics(motion.trunk, near[:28], near[28:], Loads(gravity=0.0))
     targets = motion.steps[step].targets
     goals = np.array([g.position for g in targets])

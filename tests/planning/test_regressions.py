@@ -11,7 +11,7 @@ import pytest
 import trunk_ocp as to
 from trunk_ocp.model.anatomy import AnatomySpec
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import build_motion
+from trunk_ocp.problem.build import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 
 HEAD = """

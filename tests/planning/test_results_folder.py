@@ -15,7 +15,7 @@ from trunk_ocp.motion_files.opensim import MOST, sto_times
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import as_text, load_plan, save_plan
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 
 FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.1, 1.2]")
 NEARBY = TOUCH.replace("[0.6, 0.1, 1.2]", "[0.6, 0.11, 1.2]")

@@ -5,7 +5,8 @@ import pytest
 
 from trunk_ocp.model.anatomy import AnatomySpec
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import Motion, build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.motion import Motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 
 # Powers of the length with which quantities scale: Young's modulus and density stay, so gravity

@@ -11,11 +11,11 @@ import xarray as xr
 from plans import POINT, shipped, written
 
 from trunk_ocp.errors import InputError
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.state import Options
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan, summary
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
 SECONDS = ("setup_seconds", "solve_seconds", "derivative_seconds", "total_seconds")
@@ -61,9 +61,9 @@ def test_a_plan_comes_back_exactly(plans, tmp_path, kind):
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     for name in ("states", "edges", "slopes"):
         np.testing.assert_array_equal(getattr(again.shape, name), getattr(plan.shape, name))
-    assert again.near.keys() == plan.near.keys()
-    for step, near in plan.near.items():
-        np.testing.assert_array_equal(again.near[step], near)
+    assert again.auxiliary.keys() == plan.auxiliary.keys()
+    for step, near in plan.auxiliary.items():
+        np.testing.assert_array_equal(again.auxiliary[step], near)
     for name in ("lookahead", "mode", "weights", "mesh", "loads", "converged", "interrupted"):
         assert getattr(again, name) == getattr(plan, name)
     for name in (*SECONDS, "iterations", "notes", "solves"):
@@ -77,7 +77,7 @@ def test_a_plan_comes_back_exactly(plans, tmp_path, kind):
 def test_the_kinds_are_what_they_say(plans):
     expected = (Status.SOLVED, Status.ITERATION_LIMIT, Status.INTERRUPTED)
     assert tuple(plans[kind].status for kind in KINDS) == expected
-    assert set(plans["solved"].near) == {0, 1}
+    assert set(plans["solved"].auxiliary) == {0, 1}
     assert 0 < len(plans["cut short"].x) < 4
 
 

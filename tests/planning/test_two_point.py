@@ -18,7 +18,8 @@ from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.two_point import equilibria
 from trunk_ocp.planning.verification import LARGEST_TURN, verify
-from trunk_ocp.problem.motion import Auxiliary, Bounds, build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.motion import Auxiliary, Bounds
 from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.linear_bvp import solve_linear_bvp
@@ -393,7 +394,7 @@ def test_bounds_on_change_hold_unless_an_auxiliary_solution_binds():
     little = np.full(4, 0.01)
     for reach, free in ((math.inf, False), (0.5, True)):
         own = replace(step, change=Bounds(-little, little), auxiliary=Auxiliary(reach, math.inf))
-        near = replace(plan, motion=replace(plan.motion, steps=(own,)), near={0: plan.x[0]})
+        near = replace(plan, motion=replace(plan.motion, steps=(own,)), auxiliary={0: plan.x[0]})
         faults = near.verification.faults
         assert any("a bound on change" in fault for fault in faults) != free
 

@@ -13,8 +13,8 @@ from trunk_ocp.figures import film, shapes
 from trunk_ocp.motion_files import write_vtk
 from trunk_ocp.motion_files.glb import weight_keys
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.interpolation import jumps, loads_at
-from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import keyframes
 from trunk_ocp.scene import moments as instants

@@ -13,7 +13,10 @@ from scipy.spatial.transform import Rotation
 import trunk_ocp
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.problem.motion import HeldDirection, allowed, load_motion
+from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.mirror import mirrored_motion
+from trunk_ocp.problem.motion import HeldDirection, allowed
+from trunk_ocp.problem.problem_file import TargetSpec
 
 L = 1.75
 EXACT = 1e-12  # decimals in the files are typed out to sixteen digits
@@ -285,7 +288,7 @@ def test_a_motion_cannot_be_changed_in_place():
 
 def test_patterns_are_as_many_as_are_matched_in_no_time(tmp_path, monkeypatch):
     """Names cost nothing and are not counted; the same pattern in every phase counts once."""
-    monkeypatch.setattr("trunk_ocp.problem.variants.MOST_MATCHES", 3 * 28)
+    monkeypatch.setattr("trunk_ocp.problem.muscle_patterns.MAX_MATCHES", 3 * 28)
     rows = [f'"{name}" = [-1.0, 0.0]' for name in shipped("lift-log").trunk.muscles]
     rows += [f'"{pattern}" = [-1.0, 0.0]' for pattern in ("R*", "L*", "*dl")]
     text = TOUCH + "[phases.bounds.muscles]\n" + "\n".join(rows)
@@ -318,3 +321,52 @@ def test_no_class_compares_arrays():
                 assert kind.__eq__ is object.__eq__, kind
                 checked += 1
     assert checked > 30
+
+
+# --- the log -----------------------------------------------------------------------------
+
+
+def test_a_step_has_the_log_that_its_targets_wrap_around():
+    motion = shipped("lift-log")
+    for number, step in enumerate(motion.steps):
+        log, first = step.log, step.targets[0]
+        assert (log.radius, log.length, log.offset) == (pytest.approx(R_LOG), L / 2, 0.0)
+        assert log.mass == pytest.approx(W_LOG / 9.8)
+        assert log.contact_from == (None if number == 0 else pytest.approx(0.8 * L))
+        distance = np.linalg.norm(np.subtract(first.position, log.center))
+        assert distance == pytest.approx(R_LOG + float(motion.trunk.radius(first.Z)), rel=1e-12)
+
+
+def test_the_weight_of_a_log_turns_about_the_grip_as_its_couple_does():
+    for motion in (shipped("lift-log-asymmetric"), mirrored_motion(shipped("lift-log-asymmetric"))):
+        for step in motion.steps:
+            if step.log.contact_from is None:
+                continue
+            arm = step.log.center[1] - step.targets[0].position[1]  # from the grip
+            couple = np.cross([0.0, arm, 0.0], step.loads.contact_force)
+            np.testing.assert_allclose(step.loads.contact_couple, couple, rtol=1e-12)
+
+
+def test_a_mirrored_log_is_on_the_other_side():
+    motion = shipped("lift-log-asymmetric")
+    for step, image in zip(motion.steps, mirrored_motion(motion).steps, strict=True):
+        np.testing.assert_allclose(image.log.center, np.array([1, -1, 1]) * step.log.center)
+        assert image.log.offset == -step.log.offset != 0
+
+
+def test_a_log_that_no_phase_carries_has_no_length_and_one_without_a_wrap_no_place(tmp_path):
+    spec = shipped("lift-log").spec
+    wrap, carry, _ = spec.phases
+    light = shipped("lift-log").with_spec(spec.model_copy(update={"phases": (wrap,)}))
+    assert (light.steps[0].log.length, light.steps[0].log.mass) == (None, None)
+    target = TargetSpec(Z=1.75, position=(0.6, 0.1, 1.2))
+    free = carry.model_copy(update={"wrap": None, "targets": (target,)})
+    motion = shipped("lift-log").with_spec(spec.model_copy(update={"phases": (free,)}))
+    assert motion.steps[0].log.center is None
+    assert motion.steps[0].log.length == 0.875
+    assert shipped("pick-fruit").steps[0].log is None
+
+
+def test_a_target_names_the_section_that_it_comes_from():
+    assert {target.source for target in shipped("lift-log").steps[1].targets} == {"phases[2].wrap"}
+    assert shipped("pick-fruit").steps[-1].targets[0].source == "phases[3].targets[1]"

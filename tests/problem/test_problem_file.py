@@ -10,7 +10,7 @@ from plans import MOTIONS, shipped, written
 
 from trunk_ocp.cli.commands import main
 from trunk_ocp.errors import InputError
-from trunk_ocp.problem.motion import load_motion, problems_folder
+from trunk_ocp.problem.build import load_motion, problems_folder
 
 # A valid file in which every faulty one below differs by one line or two.
 VALID = """

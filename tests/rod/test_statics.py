@@ -12,7 +12,7 @@ from trunk_ocp.codegen.model import build_model
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
-from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.rod import continuation, newton, statics
 from trunk_ocp.rod.collocation import Mesh, mesh_for
 from trunk_ocp.rod.statics import solve_statics

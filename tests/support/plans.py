@@ -8,7 +8,7 @@ import numpy as np
 
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import load_motion
+from trunk_ocp.problem.build import load_motion
 from trunk_ocp.rod.statics import solve_statics
 
 MOTIONS = ("pick-fruit", "lift-log", "lift-log-asymmetric")
@@ -76,7 +76,30 @@ def planned(name, mode):
 @cache
 def first_steps(name, count):
     """A shipped motion cut short, for speed."""
-    return replace(shipped(name), steps=shipped(name).steps[:count])
+    spec, phases = shipped(name).spec, []
+    for phase in spec.phases:
+        if count > 0:
+            phases.append(first_part(phase, min(count, phase.steps)))
+        count -= phase.steps
+    return shipped(name).with_spec(spec.model_copy(update={"phases": tuple(phases)}))
+
+
+def first_part(phase, steps):
+    """A phase with its first steps only; a path and a pull that grows end where they are then."""
+    share = steps / phase.steps
+    update = {"steps": steps, "duration": phase.duration * share}
+    if phase.wrap is not None and phase.wrap.path is not None:
+        path = np.array(phase.wrap.path)
+        start = [path[0]]
+        while len(path) > 1:  # de Casteljau: the first points of all layers
+            path = (1 - share) * path[:-1] + share * path[1:]
+            start.append(path[0])
+        points = tuple(tuple(point.tolist()) for point in start)
+        update["wrap"] = phase.wrap.model_copy(update={"path": points})
+    if phase.loads.pull is not None and phase.loads.pull.ramp:
+        pull = phase.loads.pull.model_copy(update={"force": phase.loads.pull.force * share})
+        update["loads"] = phase.loads.model_copy(update={"pull": pull})
+    return phase.model_copy(update=update)
 
 
 def written(folder, text, name="problem.toml"):

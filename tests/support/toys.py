@@ -9,10 +9,8 @@ import numpy as np
 
 from trunk_ocp.model.activation import strain_matrix
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
-from trunk_ocp.model.loads import Loads
-from trunk_ocp.problem.motion import Bounds, Motion, Phase, Step
+from trunk_ocp.problem.build import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
-from trunk_ocp.problem.targets import Target
 
 SPEC = AnatomySpec.model_validate(
     {
@@ -38,46 +36,42 @@ SPEC = AnatomySpec.model_validate(
 TRUNK = build_trunk(SPEC)
 C = float(strain_matrix(TRUNK)[0, 0].sum())
 """Change of extension per unit of gamma, both muscles alike."""
-PROBLEM = ProblemSpec.model_validate(
-    {
-        "name": "shorten",
-        "anatomy": "shortener",
-        "gravity": 0.0,
-        "bounds": {"activation": (-1.0, 0.0), "extension": (0.1, 1.5)},
-        "phases": ({"name": "all", "duration": 1.0, "targets": ({"Z": 1.0, "d3": (0, 0, 1)},)},),
-    }
-)
 
 
-def shortening(wanted, duration=1.0, most=np.inf):
+def shortening(wanted, duration=1.0, most=None):
     """A motion whose targets ask for contractions `wanted`; `most` bounds a change of gamma.
 
     `duration` of a step in s, or one for each.
     """
-    durations = np.broadcast_to(duration, len(wanted))
-    box = Bounds(np.array([-1.0, -1.0, 0.0, 0.0]), np.zeros(4))
-    change = Bounds(
-        np.array([-most, -most, -np.inf, -np.inf]), np.array([most, most, np.inf, np.inf])
-    )
-    steps = [
-        step(float(time), float(span), (0.0, 0.0, 1.0 + C * gamma), box, change)
-        for time, span, gamma in zip(np.cumsum(durations), durations, wanted, strict=True)
-    ]
-    return motion(steps)
+    durations = np.broadcast_to(duration, len(wanted)).tolist()
+    tips = [(0.0, 0.0, 1.0 + C * gamma) for gamma in wanted]
+    bounds = {"activation": (-1.0, 0.0), "head_z_deg": (0.0, 0.0), "head_y_deg": (0.0, 0.0)}
+    change = () if most is None else ({"activation": most},)
+    return motion(tips, durations, bounds, change)
 
 
 def pointing(tip, duration=1.0):
     """One step that takes the tip to a place, by the head alone: psi_Z within 4 rad, psi_Y pi/2."""
-    most = np.array([0.0, 0.0, 4.0, np.pi / 2])
-    free = Bounds(np.full(4, -np.inf), np.full(4, np.inf))
-    return motion([step(duration, duration, tip, Bounds(-most, most), free)])
+    turn = float(np.degrees(4.0))
+    return motion([tip], [duration], {"activation": (0.0, 0.0), "head_z_deg": (-turn, turn)})
 
 
-def step(time, duration, tip, box, change):
-    target = Target(1.0, tip, 1.0, (None, None, None), (0.0, 0.0, 0.0))
-    return Step(time, duration, 0, (target,), Loads(0.0), None, box, change, None)
-
-
-def motion(steps):
-    phases = (Phase("all", steps[-1].time, "cosine"),)
-    return Motion(PROBLEM, SPEC, TRUNK, phases, tuple(steps), (0.1, 1.5), steps[0].box)
+def motion(tips, durations, bounds, change=()):
+    """A motion with a target for the tip at each step."""
+    phases = [
+        {
+            "name": f"step {number}",
+            "duration": duration,
+            "targets": ({"Z": 1.0, "position": tip},),
+            "change": change,
+        }
+        for number, (tip, duration) in enumerate(zip(tips, durations, strict=True), 1)
+    ]
+    problem = {
+        "name": "shorten",
+        "anatomy": "shortener",
+        "gravity": 0.0,
+        "bounds": {"extension": (0.1, 1.5), **bounds},
+        "phases": phases,
+    }
+    return build_motion(ProblemSpec.model_validate(problem), SPEC)

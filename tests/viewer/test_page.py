@@ -18,7 +18,7 @@ from programs import CHROMIUM, needs
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.scene.body import muscle_body
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.viewer import write_page

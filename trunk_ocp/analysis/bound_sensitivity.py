@@ -92,8 +92,8 @@ def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
     anything = Bounds(nothing - np.inf, nothing + np.inf)
     held = {d: plan.shape.directors(np.array([d.Z]))[d.step, 0, d.director] for d in motion.held}
     for t, step in enumerate(motion.steps):
-        if t in plan.near and step.follows:
-            step = replace(step, box=allowed(motion, step, plan.near[t]), change=anything)
+        if t in plan.auxiliary and step.follows:
+            step = replace(step, box=allowed(motion, step, plan.auxiliary[t]), change=anything)
         before = plan.x[t - 1] if t else nothing
         known = {d: value for d, value in held.items() if d.step < t}
         yield Window(motion, plan.mesh, [step], before, known, t, plan.weights), t, t + 1

@@ -337,7 +337,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         yield Finding(
             "warning", "the loads strain the trunk beyond what it is made for", tuple(check.doubts)
         )
-    if plan.near and (excess := _change_excess(plan)) > SLACK:
+    if plan.auxiliary and (excess := _change_excess(plan)) > SLACK:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan exceeds the horizon's bounds on change", told)
 
@@ -357,10 +357,9 @@ def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Find
 
 
 def _change_excess(plan: Plan) -> float:
-    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
     return max(
         float(np.maximum(step.change.lower - dx, dx - step.change.upper).max())
-        for step, dx in zip(plan.motion.steps, np.diff(x, axis=0), strict=False)
+        for step, dx in zip(plan.motion.steps, np.diff(plan.trajectory, axis=0), strict=False)
     )
 
 
@@ -378,8 +377,8 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     extension = strains(trunk, plan.activations)[..., 0]
     before = np.zeros(plan.x.shape[1])
     for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
-        change, box = x - before, allowed(plan.motion, step, plan.near.get(t))
-        free = t in plan.near and step.follows
+        change, box = x - before, allowed(plan.motion, step, plan.auxiliary.get(t))
+        free = t in plan.auxiliary and step.follows
         for i, name in enumerate(names):
             side = _side(x[i], box.lower[i], box.upper[i])
             kind = "head" if i >= len(trunk.muscles) else _work(side, box.lower[i], box.upper[i])

@@ -8,17 +8,16 @@ wherever the bounds happen to be. Both look like findings about the trunk unless
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from .._support.wording import rounded
 from ..errors import InputError
+from ..planning.options import Options
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_from
-from ..planning.state import Options
 from ..problem.mirror import is_symmetric, mirrored_unknowns
-from ..problem.motion import Bounds, Motion
+from ..problem.variants import held_head_spec
 from ..reporting import Reporter
 
 LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
@@ -61,7 +60,7 @@ def held_heads(plan: Plan, angles: set[int], reporter: Reporter | None = None) -
         if np.abs(plan.head[:, angle]).max(initial=0.0) <= TURNS:
             continue
         try:
-            motion = _held(plan.motion, angle)
+            motion = plan.motion.with_spec(held_head_spec(plan.motion.spec, angle))
         except InputError:
             continue
         options = Options(weights=plan.weights, max_iterations=ITERATIONS)
@@ -87,31 +86,3 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""
     way = "raises" if more >= 0 else "lowers"
     return f"holding {name} at 0{option} {way} the objective by {abs(more):.2g} %; {reached}"
-
-
-def _held(motion: Motion, angle: int) -> Motion:
-    """The motion with a head angle held at 0.
-
-    Raises
-    ------
-    InputError
-        If its bounds keep that angle away from 0.
-    """
-    at = len(motion.trunk.muscles) + angle
-
-    def held(box: Bounds) -> Bounds:
-        lower, upper = box.lower.copy(), box.upper.copy()
-        if not lower[at] <= 0 <= upper[at]:
-            raise InputError(f"head_{AXES[angle]}_deg: may not be 0.")
-        lower[at] = upper[at] = 0.0
-        return Bounds(lower, upper)
-
-    steps = (replace(s, box=held(s.box), change=_free(s.change, at)) for s in motion.steps)
-    return replace(motion, steps=tuple(steps), box=held(motion.box))
-
-
-def _free(change: Bounds, at: int) -> Bounds:
-    """Bounds on change without those of one unknown, which does not change."""
-    lower, upper = change.lower.copy(), change.upper.copy()
-    lower[at], upper[at] = -np.inf, np.inf
-    return Bounds(lower, upper)

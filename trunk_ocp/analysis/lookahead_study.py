@@ -20,9 +20,9 @@ import numpy as np
 from .._support.process_pool import Done, run
 from ..errors import InputError
 from ..nlp.window import Weights
+from ..planning.options import Options
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_from, plan_motion
-from ..planning.state import Options
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter
@@ -43,8 +43,7 @@ ALIKE = 1e-6
 
 def equal_bounds(motion: Motion) -> Motion:
     """The motion without auxiliary problems: every lookahead then has the horizon's bounds."""
-    steps = tuple(replace(s, auxiliary=None) for s in motion.steps)
-    return replace(motion, spec=unaided_spec(motion.spec), steps=steps)
+    return motion.with_spec(unaided_spec(motion.spec))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..nlp.window import Weights
 from ..planning.active_bounds import touching
-from ..planning.plan import Plan, squared_rate
+from ..planning.plan import Plan
 
 REVERSAL = 0.1
 """How far an activation must come and go back for its turn to count as a reversal (no unit)."""
@@ -88,14 +88,13 @@ def measure(plan: Plan, weights: Weights | None = None) -> Measures:
     weights = weights or plan.weights
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
     directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
-    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
-    change = np.diff(x, axis=0)
+    change = np.diff(plan.trajectory, axis=0)
     steps = plan.motion.steps[: len(plan.x)]
     excess = [
         np.maximum(step.change.lower - dx, dx - step.change.upper).max()
         for step, dx in zip(steps, change, strict=True)
     ]
-    effort, rate = float(np.sum(plan.activations**2)), squared_rate(plan)
+    effort, rate = float(np.sum(plan.activations**2)), plan.squared_rate
     tracking = plan.objective.tracking
     return Measures(
         status=plan.status.name.lower(),

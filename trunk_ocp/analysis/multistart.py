@@ -19,9 +19,9 @@ from .._support.process_pool import Done, run
 from .._support.ranges import check
 from ..errors import InputError
 from ..model.activation import strains
+from ..planning.options import Options
 from ..planning.plan import Plan
 from ..planning.planner import plan_from
-from ..planning.state import Options
 from ..problem.mirror import mirrored_unknowns
 from ..problem.motion import Motion
 from ..reporting import Reporter

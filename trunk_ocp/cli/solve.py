@@ -20,12 +20,13 @@ from ..errors import InputError
 from ..model.anatomy import load_anatomy
 from ..nlp.ipopt import check_linear_solver
 from ..planning.checkpoint import FILE, Checkpoint
+from ..planning.options import Options, mode_of
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_motion
 from ..planning.results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
-from ..planning.state import Options, mode_of
 from ..planning.storage import activations_table, save_plan, summary
-from ..problem.motion import Motion, load_motion
+from ..problem.build import load_motion
+from ..problem.motion import Motion
 from ..reporting import Reporter
 from .common import tell, verdict
 from .ending import optional, warn
@@ -74,7 +75,7 @@ def run_solve(
                 if not len(plans[0].x):
                     raise KeyboardInterrupt  # before the first step: what is saved stays
                 plans = [
-                    plan.recorded(options=plan.options | {"command": command}) for plan in plans
+                    plan.with_record(options=plan.options | {"command": command}) for plan in plans
                 ]
                 tables = [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
                 aside = set_aside(folder, tables, problem)

@@ -20,7 +20,7 @@ from ..analysis.redundancy import AblationResult, needed, redundancy, report
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
-from ..problem.motion import load_motion
+from ..problem.build import load_motion
 from ..reporting import Reporter
 from .common import finished, tell
 from .ending import Command, optional
@@ -52,7 +52,7 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
         place = out / own.relative_to(folder) if out else own
         with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
             found = redundancy(plan)
-        if ask and plan.near:
+        if ask and plan.auxiliary:
             console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
         elif ask:
             found = replace(found, needs=_needs(plan, console))

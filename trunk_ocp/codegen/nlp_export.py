@@ -30,8 +30,9 @@ import numpy as np
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
 from ..nlp.window import Window
+from ..planning.decided_steps import DecidedSteps
+from ..planning.options import Options, first_mesh
 from ..planning.planning_run import PlanningRun
-from ..planning.state import Options, State, first_mesh
 from .foreign import in_comment
 from .nlp_export_layout import layout
 from .request import Request
@@ -125,8 +126,8 @@ def export_nlp(request: Request) -> Exported:
     whole = PlanningRun(
         motion, first_mesh(motion, options), "horizon", len(motion.steps), options, Optimizer()
     )
-    window = whole.window(0, motion.steps, State())
-    passive = np.zeros((len(motion.steps), whole.unknowns))
+    window = whole.window(0, motion.steps, DecidedSteps())
+    passive = np.zeros((len(motion.steps), whole.controls))
     return Exported(window, whole.packed(window, passive), request.name)
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from .._support.toml_files import LARGEST_FILE, read_bytes, shipped
 from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
-from ..problem.motion import Motion, load_motion, problems_folder
+from ..problem.build import load_motion, problems_folder
+from ..problem.motion import Motion
 
 
 def load_subject(name_or_path: str) -> Motion | Trunk:

@@ -119,7 +119,7 @@ def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None
 
 def draw_bounds(axes: Axes, plan: Plan, index: int, factor: float = 1.0) -> None:
     """Draw the motion's bounds on one unknown, times a factor, each step's over its duration."""
-    times = np.append(0.0, plan.motion.times[: len(plan.x)])
+    times = plan.times
     for bound in limits(plan):
         if len(plan.x):
             values = bound[:, index]

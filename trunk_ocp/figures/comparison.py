@@ -16,7 +16,7 @@ from ..analysis.measures import time_at_bounds
 from ..planning.active_bounds import limits, touching
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
-from ..scene.moments import curve_times, curves, end_of, trajectory
+from ..scene.moments import curve_times, curves, end_of
 from . import style
 from .activations import draw_bounds
 
@@ -101,7 +101,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
         errors = plan.errors if len(plan.x) else ()
         cost = np.array([error.paper for error in errors])
         # From rest to the first step is no change of mind.
-        change = np.abs(np.diff(trajectory(plan)[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
+        change = np.abs(np.diff(plan.trajectory[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, change, at_bound), strict=True):
             axes.plot(

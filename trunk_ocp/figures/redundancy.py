@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from ..analysis.redundancy import Redundancy
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
-from ..scene.moments import end_of, trajectory
+from ..scene.moments import end_of
 from . import style
 
 PALE, DARK = 0.22, 0.5  # how much of its color a band keeps; opaque, to hide the phases' shades
@@ -67,13 +67,13 @@ def picture(found: Redundancy) -> Figure:
 
 def _panel(axes: Axes, found: Redundancy, index: int, color: str) -> None:
     plan, free = found.plan, found.freedom
-    times = np.append(0.0, plan.motion.times)
+    times = plan.times
     at_rest = np.zeros((1, 2))  # step 0 is the passive trunk, which has no choice
     for band, share, gid in ((free.alone, PALE, "alone"), (free.joint, DARK, "joint")):
         low, high = np.concatenate([at_rest, band[:, index]]).T
         axes.fill_between(times, low, high, color=_mixed(color, share), linewidth=0, gid=gid)
-    other = trajectory(found.versions["least effort"])[:, index]
-    axes.plot(times, trajectory(plan)[:, index], ".-", color=color, markersize=2.5, gid="plan")
+    other = found.versions["least effort"].trajectory[:, index]
+    axes.plot(times, plan.trajectory[:, index], ".-", color=color, markersize=2.5, gid="plan")
     axes.plot(times, other, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
     kind = found.freedom.kinds[index]
     axes.text(

@@ -31,7 +31,7 @@ def write_sto(plan: Plan, path: str | Path) -> Path:
     check_steps(plan)
     steps = plan.motion.times[: len(plan.x)]
     times = sto_times(steps)
-    known = np.concatenate([np.zeros((1, plan.activations.shape[1])), plan.activations])
+    known = plan.trajectory[:, :-2]
     values = [0.0 - interpolate(plan.motion, known, t) for t in times.tolist()]  # no "-0"
     rows = [
         "\t".join([f"{t:.9f}", *(f"{value:.9f}" for value in row)])

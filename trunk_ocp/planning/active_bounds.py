@@ -21,7 +21,7 @@ def limits(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     steps = motion.steps[: len(plan.x)]
     lower = np.array([step.box.lower for step in steps]).reshape(-1, count + 2)
     upper = np.array([step.box.upper for step in steps]).reshape(-1, count + 2)
-    for t in plan.near:
+    for t in plan.auxiliary:
         auxiliary = steps[t].auxiliary if t < len(steps) else None
         if auxiliary is not None and math.isfinite(auxiliary.activation_deviation):
             lower[t, :count] = motion.box.lower[:count]

@@ -26,9 +26,10 @@ from ..nlp.ipopt import Optimizer
 from ..problem.motion import Motion
 from ..rod.collocation import Mesh
 from .checkpoint_file import COUNTERS, Stage, read_unfinished
+from .decided_steps import DecidedSteps
+from .options import Options
 from .plan import Plan
 from .records import fits
-from .state import Options, State
 
 FILE = "resume.npz"
 WORTH_LASTING = 1.0  # s of work worth waiting for a disk, in case of a power cut
@@ -122,7 +123,7 @@ class Checkpoint:
 
     def enter(
         self, mode: str, mesh: Mesh, window: int, optimizer: Optimizer
-    ) -> tuple[State, np.ndarray | None]:
+    ) -> tuple[DecidedSteps, np.ndarray | None]:
         """What the next pass has decided already, and the unknowns of its last window.
 
         Parameters
@@ -136,7 +137,7 @@ class Checkpoint:
             If the file has another pass in its place.
         """
         number = len(self._stages)
-        stage = Stage(mode, mesh, State(), None, {})
+        stage = Stage(mode, mesh, DecidedSteps(), None, {})
         if number < len(self._found):
             stage = self._found[number]
             ahead = window if stage.previous is None else len(stage.previous)
@@ -305,7 +306,7 @@ def _described(stage: Stage) -> dict[str, Any]:
         "mode": stage.mode,
         "mesh": {"edges": stage.mesh.edges, "degree": stage.mesh.degree},
         "held": [[held.step, held.Z, held.director] for held in stage.state.held],
-        "near": list(stage.state.near),
+        "near": list(stage.state.auxiliary),
         "converged": stage.state.converged,
         "counters": stage.counters,
         "failed": [asdict(solve) for solve in stage.failed],
@@ -321,9 +322,9 @@ def _arrays(stage: Stage) -> dict[str, np.ndarray]:
         "tip_forces": state.tip_forces,
         "states": state.states,
         "held": list(state.held.values()),
-        "near": list(state.near.values()),
+        "near": list(state.auxiliary.values()),
     }
-    optional = {"auxiliary": state.auxiliary, "previous": stage.previous}
+    optional = {"auxiliary": state.unloaded, "previous": stage.previous}
     return {name: np.array(rows) for name, rows in lists.items() if rows} | {
         name: array for name, array in optional.items() if array is not None
     }

@@ -25,10 +25,11 @@ from ..problem.motion import Motion
 from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
+from .decided_steps import DecidedSteps
+from .options import REFINEMENTS, Options, first_mesh
 from .plan import MODES
 from .records import MOST_TEXT as MOST_RECORDS
 from .records import amount, check_near, count, entries, flag, json_of, number, solve_of, table
-from .state import REFINEMENTS, Options, State, first_mesh
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")
@@ -49,7 +50,7 @@ class Stage:
 
     mode: str
     mesh: Mesh
-    state: State
+    state: DecidedSteps
     previous: np.ndarray | None
     counters: dict[str, float]
     failed: list[Solve] = field(default_factory=list)
@@ -170,13 +171,13 @@ def _stage(told: dict[str, Any], values: np.ndarray, motion: Motion) -> tuple[St
     held = [_held(entry) for entry in entries(told["held"])]
     near = [count(step) for step in entries(told["near"])]
     rows = {name: list(array) for name, array in arrays.items()}
-    state = State(
+    state = DecidedSteps(
         x=rows["x"],
         tip_forces=rows["tip_forces"],
         states=rows["states"],
         held=dict(zip(held, rows.get("held", []), strict=True)),
-        auxiliary=arrays.get("auxiliary"),
-        near=dict(zip(near, rows.get("near", []), strict=True)),
+        unloaded=arrays.get("auxiliary"),
+        auxiliary=dict(zip(near, rows.get("near", []), strict=True)),
         converged=flag(told["converged"]),
     )
     if told["mode"] not in MODES:
@@ -220,7 +221,7 @@ def _held(value: Any) -> HeldDirection:
 
 
 def _check(
-    state: State, arrays: dict[str, np.ndarray], mesh: Mesh, mode: str, motion: Motion
+    state: DecidedSteps, arrays: dict[str, np.ndarray], mesh: Mesh, mode: str, motion: Motion
 ) -> None:
     """Raise InputError unless a stage fits its motion."""
     steps, unknowns = len(state.x), len(motion.trunk.muscles) + 2
@@ -229,7 +230,7 @@ def _check(
         "tip_forces": (steps, 3),
         "states": (steps, mesh.elements, mesh.degree + 1, STATES),
         "held": (len(state.held), 3),
-        "near": (len(state.near), unknowns),
+        "near": (len(state.auxiliary), unknowns),
         "auxiliary": (unknowns,),
     }
     if "previous" in arrays:
@@ -241,7 +242,7 @@ def _check(
         t for t, step in enumerate(motion.steps[:steps]) if mode == "sequential" and step.follows
     }
     held = {held for held in motion.held if held.step < steps}
-    if steps > len(motion.steps) or set(state.near) != asked or set(state.held) != held:
+    if steps > len(motion.steps) or set(state.auxiliary) != asked or set(state.held) != held:
         raise InputError("expected time steps of the motion and what they refer to")
     if state.converged:
-        check_near(motion, np.array(state.x), state.near)
+        check_near(motion, np.array(state.x), state.auxiliary)

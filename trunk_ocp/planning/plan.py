@@ -1,10 +1,9 @@
-"""A planned motion: what was found, how good it is, and what the trunk does in between."""
+"""A planned motion: its controls and shapes, their quality, and the motion between time steps."""
 
 from __future__ import annotations
 
 import enum
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -18,16 +17,16 @@ from ..nlp.ipopt import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
-from ..problem.targets import HeldDirection
 from ..rod.buckling import Stability, stability
 from ..rod.collocation import Mesh
 from ..rod.shape import Shape
 from ..rod.statics import refined, solve_statics
+from .step_errors import StepErrors, step_errors
 from .verification import Verification, verify
 
 
 class Status(enum.Enum):
-    """How a plan ended; the value is the sentence a user reads. Only the first is a success."""
+    """How a plan ended; the value is the sentence shown to users. Only the first is a success."""
 
     SOLVED = "solved and verified"
     MISSED = "converged and verified, but a target is out of reach"
@@ -41,20 +40,20 @@ class Status(enum.Enum):
 
     @property
     def exit_code(self) -> int:
-        """Exit code of a command that ends so: 0 solved, 4 interrupted, 3 anything else."""
+        """Exit code of a command with this outcome: 0 solved, 4 interrupted, 3 anything else."""
         return {Status.SOLVED: 0, Status.INTERRUPTED: 4}.get(self, 3)
 
 
 MODES = ("sequential", "horizon", "receding")
-"""Ways to plan."""
 
-ROUGH = 1e-4  # Shape.defect of a sample, beyond which its mesh is made finer
+MAX_DEFECT = 1e-4
+"""Largest `Shape.defect` of a sample, beyond which its mesh is refined."""
 
 FAILURES = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
     "Maximum_Iterations_Exceeded": Status.ITERATION_LIMIT,
 }
-"""What Ipopt's words for a failure mean here; any other is NOT_CONVERGED."""
+"""Status for each message of Ipopt; NOT_CONVERGED for any other."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ class Sample:
     after: bool = False
 
 
-def loads_of(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
+def planned_loads(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
     return tuple(
         replace(step.loads, tip_force=tuple(force))
@@ -112,19 +111,21 @@ class Plan:
         "sequential", "horizon" or "receding".
     lookahead : int
         Time steps planned together.
-    near : dict
-        Steps (from 0) whose unknowns are bound to stay near an auxiliary solution, given
-        here, rather than near the step before (sequential plans, appendix B).
+    auxiliary : dict
+        Controls (muscles + 2,) of the auxiliary problem, by step (from 0), for the steps that must
+        stay near it rather than near the step before (sequential plans, appendix B).
     interrupted, late : bool
-        Whether the user, or the deadline, ended it before it was done.
+        Whether the user, or the deadline, stopped the planner before it was done.
     derivative_seconds : float
-        Of `solve_seconds`, those in the objective, the constraints and their derivatives.
+        Part of `solve_seconds` spent in the objective, the constraints and their derivatives.
+    notes : tuple of str
+        Remarks on how it was made, a sentence each.
     solves : tuple of Solve
         Record of every solve, in order.
     versions : dict
-        Of what planned it; see `provenance`.
+        Of the software that made it; see `provenance`.
     options : dict
-        With which it was planned: those of the planner and, by its name, the command's.
+        Options of the planner; under "command" those of the command line.
     """
 
     motion: Motion
@@ -134,7 +135,7 @@ class Plan:
     mode: str
     lookahead: int
     weights: Weights
-    near: dict[int, np.ndarray] = field(default_factory=dict)
+    auxiliary: dict[int, np.ndarray] = field(default_factory=dict)
     converged: bool = True
     interrupted: bool = False
     late: bool = False
@@ -150,7 +151,9 @@ class Plan:
 
     def __repr__(self) -> str:
         steps = f"{len(self.x)} of {len(self.motion.steps)} steps"
-        return f"<Plan of {self.motion.name}: {self.mode}, {steps}, J = {self.objective.paper:.4g}>"
+        known = vars(self).keys() & {"verification", "objective"}  # integrating all rods is slow
+        cost = f", J = {self.objective.paper:.4g}" if known else ""
+        return f"<Plan of {self.motion.name}: {self.mode}, {steps}{cost}>"
 
     @property
     def activations(self) -> np.ndarray:
@@ -163,33 +166,43 @@ class Plan:
         return self.x[:, -2:]
 
     @property
+    def trajectory(self) -> np.ndarray:
+        """Controls (H + 1, muscles + 2) of time steps 0 (rest), 1, ..., H."""
+        return np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times (H + 1,) in s of the rows of `trajectory`."""
+        return np.append(0.0, self.motion.times[: len(self.x)])
+
+    @property
     def mesh(self) -> Mesh:
         """Mesh of the planned shapes."""
         return self.shape.mesh
 
     def part(self, first: int, last: int) -> Shape:
-        """Planned shapes of steps first to last - 1, counted from 0."""
+        """Planned shapes of steps first to last - 1 (from 0)."""
         return self.shape[first:last]
 
     @cached_property
     def loads(self) -> tuple[Loads, ...]:
         """Loads of each step."""
-        return loads_of(self.motion, self.tip_forces)
+        return planned_loads(self.motion, self.tip_forces)
 
     @cached_property
     def verification(self) -> Verification:
-        """Independent check of every step."""
-        return verify(self.motion, self.x, self.loads, self.shape, self.near)
+        """Independent check of every step; integrates all rods, about 0.3 s."""
+        return verify(self.motion, self.x, self.loads, self.shape, self.auxiliary)
 
     @cached_property
     def stability(self) -> Stability:
-        """Whether the trunk stays in each planned shape, (H,)."""
+        """Whether each planned shape is stable, (H,)."""
         return stability(self.shape, self.activations, self.loads)
 
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
         """Errors of each step, from the independently integrated shapes."""
-        return step_errors(self)
+        return step_errors(self.motion, self.verification)
 
     @cached_property
     def objective(self) -> Objective:
@@ -200,12 +213,22 @@ class Plan:
             sum(e.paper for e in self.errors),
             position * self.motion.position_scale**2 + direction,
             self.weights.effort * float(np.sum(self.activations**2)),
-            self.weights.rate * squared_rate(self),
+            self.weights.rate * self.squared_rate,
         )
+
+    @property
+    def squared_rate(self) -> float:
+        """Integral over time of the squared rates of activations and head angles, 1/s.
+
+        Of straight lines between time steps, from rest on; interpolation adds to it.
+        """
+        change = np.diff(self.trajectory, axis=0)
+        duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])
+        return float(np.sum(change**2 / duration[:, None]))
 
     @cached_property
     def status(self) -> Status:
-        """How the plan ended."""
+        """How the plan ended; needs `verification` and `stability`."""
         if self.interrupted:
             return Status.INTERRUPTED
         if self.late:
@@ -221,28 +244,28 @@ class Plan:
 
     @property
     def cut_short(self) -> bool:
-        """Whether the user or the deadline ended it before it was done."""
+        """Whether the user or the deadline stopped the planner before it was done."""
         return self.interrupted or self.late
 
     @property
     def failure(self) -> Solve | None:
-        """Of a plan that did not converge, the solve that came farthest where it failed first.
+        """Of a plan that did not converge, the best solve of the first window that failed.
 
-        Where one of several starts led to a solution, nothing failed; unless all did, and a
-        finer mesh failed at last.
+        A window fails if none of its starts leads to a solution. If no window failed, the plan
+        did on a finer mesh, and the last window counts.
         """
-        own = [solve for solve in self.solves if solve.stage == self.mode]
-        tries = [list(same) for _, same in itertools.groupby(own, key=lambda s: s.what)]
-        failed = [same for same in tries if not any(solve.converged for solve in same)]
-        for same in (*failed, *tries[-1:]) if not self.converged else ():
-            return min((solve for solve in same if not solve.converged), key=rank, default=None)
+        solves = [solve for solve in self.solves if solve.stage == self.mode]
+        windows = [list(starts) for _, starts in itertools.groupby(solves, key=lambda s: s.what)]
+        failed = [starts for starts in windows if not any(solve.converged for solve in starts)]
+        for starts in (*failed, *windows[-1:]) if not self.converged else ():
+            return min((solve for solve in starts if not solve.converged), key=rank, default=None)
         return None
 
-    def recorded(self, **record: Any) -> Plan:
-        """The same plan with another record of how it was made; what was checked is kept."""
+    def with_record(self, **record: Any) -> Plan:
+        """The plan with other fields on how it was made; results of its checks are kept."""
         plan = replace(self, **record)
-        kept = ("verification", "stability", "errors")
-        vars(plan).update({name: vars(self)[name] for name in kept if name in vars(self)})
+        checks = ("verification", "stability", "errors")
+        vars(plan).update({name: vars(self)[name] for name in checks if name in vars(self)})
         return plan
 
     def checked(self) -> Plan:
@@ -264,7 +287,7 @@ class Plan:
 
     @property
     def missed(self) -> list[str]:
-        """Targets farther off than the motion's tolerance, a sentence each."""
+        """Targets missed by more than the motion's tolerance, a sentence each."""
         position, direction = self.motion.tolerance
         sentences = []
         for number, errors in enumerate(self.errors, 1):
@@ -304,28 +327,28 @@ class Plan:
         InputError
             If t is outside the plan.
         StaticsError
-            If the trunk has no equilibrium there, or none that a mesh resolves.
+            If the trunk has no equilibrium at that time, or none that a mesh resolves.
         """
         t = planned_time(self.motion, len(self.x), t)
-        values = np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
-        at, loads = interpolate(self.motion, values, t), loads_at(self.motion, self.loads, t, after)
-        activation, head = at[:-2], at[-2:]
-        # Of several equilibria, that of the planned shape next to it.
+        controls = interpolate(self.motion, self.trajectory, t)
+        loads = loads_at(self.motion, self.loads, t, after)
+        activation, head = controls[:-2], controls[-2:]
+        # Of several equilibria, the one close to the planned shape of the nearest time step.
         times = self.motion.times[: len(self.x)]
         near = self.shape[int(np.argmin(np.abs(times - t)))] if len(times) else None
         shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
-        if shape.defect > ROUGH:  # the plan's mesh was only checked at its time steps
+        if shape.defect > MAX_DEFECT:  # the plan's mesh was checked at its time steps only
             shape = refined(shape, activation, head, loads)
         return Sample(t, activation, head, loads, shape, after)
 
 
 class PlanError(TrunkError):
-    """A plan is not solved and verified; the message is its status and what is wrong.
+    """A plan is not solved and verified; the message has its status and the first problem.
 
     Attributes
     ----------
     plan : Plan
-        What was reached all the same.
+        The plan as far as it was reached.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -333,77 +356,10 @@ class PlanError(TrunkError):
         problems = [*map(str, violated), *plan.verification.faults, *plan.missed, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(
-            f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The plan is this "
-            "error's `plan`; throw=False returns it instead, and explain(plan) says more."
+            f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The error's attribute "
+            "`plan` has the plan; throw=False returns it instead, and explain(plan) says more."
         )
         self.plan = plan
 
     def __reduce__(self) -> tuple[type[PlanError], tuple[Plan]]:
         return type(self), (self.plan,)  # see StaticsError
-
-
-def squared_rate(plan: Plan) -> float:
-    """Integral over time of the squared rates of activations and head angles, 1/s.
-
-    Of straight lines between time steps, from rest on; interpolation adds to it.
-    """
-    change = np.diff(np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x]), axis=0)
-    duration = np.array([step.duration for step in plan.motion.steps[: len(plan.x)]])
-    return float(np.sum(change**2 / duration[:, None]))
-
-
-@dataclass(frozen=True, eq=False)
-class StepErrors:
-    """Errors of one time step, target by target.
-
-    `position` in m at `position_Z`; `direction` is the length of the director's error at
-    `direction_Z`; `paper` is J_T of eq. (42).
-    """
-
-    position_Z: np.ndarray
-    position: np.ndarray
-    position_weights: np.ndarray
-    direction_Z: np.ndarray
-    direction: np.ndarray
-    direction_weights: np.ndarray
-
-    @property
-    def paper(self) -> float:
-        """J_T of eq. (42): weighted sum of distances, not squared."""
-        return float(
-            self.position_weights @ self.position + self.direction_weights @ self.direction
-        )
-
-
-def step_errors(plan: Plan) -> tuple[StepErrors, ...]:
-    """Errors of each step of a plan, from the independently integrated shapes."""
-    at = plan.verification.at
-
-    def goal(direction: HeldDirection | Sequence[float]) -> np.ndarray:
-        if isinstance(direction, HeldDirection):
-            return at(direction.step, direction.Z)[1][direction.director]
-        return np.asarray(direction)
-
-    result = []
-    for t, step in enumerate(plan.motion.steps[: len(plan.x)]):
-        positions = [
-            (g.Z, _distance(at(t, g.Z)[0], g.position), g.position_weight)
-            for g in step.targets
-            if g.position is not None and g.position_weight > 0
-        ]
-        directions = [
-            (g.Z, _distance(at(t, g.Z)[1][j], goal(d)), weight)
-            for g in step.targets
-            for j, d, weight in g.pairs()
-        ]
-        result.append(StepErrors(*_columns(positions), *_columns(directions)))
-    return tuple(result)
-
-
-def _distance(a: np.ndarray, b: Sequence[float] | np.ndarray) -> float:
-    return float(np.linalg.norm(a - np.asarray(b)))
-
-
-def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    table = np.array(rows, dtype=float).reshape(-1, 3)
-    return table[:, 0], table[:, 1], table[:, 2]

@@ -1,4 +1,4 @@
-"""Planning a motion: windows of time steps, solved one after the other.
+"""Planning a motion as a sequence of windows of time steps.
 
 A window of H consecutive steps is one NLP. After each solve the first step
 of the window is kept and the window moves on by one; the last window keeps all of its steps.
@@ -24,12 +24,12 @@ from ..problem.motion import Motion
 from ..reporting import Reporter
 from ..rod.collocation import mesh_for
 from .checkpoint import Checkpoint
+from .options import REFINEMENTS, Options, first_mesh, mode_of
 from .plan import Plan
 from .planning_run import PlanningRun
-from .state import REFINEMENTS, Options, first_mesh, mode_of
 
 ROUGH_ITERATIONS = 200
-"""Most iterations of a step of a plan that only starts a horizon; the shipped motions take 60."""
+"""Most iterations of a step of a plan that only starts a horizon; shipped motions take 60."""
 
 
 @one_thread()
@@ -52,15 +52,16 @@ def plan_motion(
         auxiliary problems, guesses and feasible sets), None all of them.
     start : Plan, optional
         A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
-        the sequential plan. A horizon returns nothing worse by its own objective, as long as
-        the start keeps the horizon's bounds, which appendix B does not ask of a sequential plan.
+        the sequential plan. The objective of a horizon is never worse than that of its start, if
+        the start keeps the horizon's bounds, which appendix B does not require of a sequential
+        plan.
     checkpoint : Checkpoint, optional
-        Where every finished window is kept, and gone on from.
+        Saves the plan after every window, and resumes it.
     throw : bool
-        False to get a plan that is not solved as well: look at its `status`.
+        False to return a plan that is not solved instead of raising; look at its `status`.
     deadline : float, optional
-        Seconds of wall time after which no iteration of the optimizer begins. What was reached is
-        returned, with status TIME_LIMIT; its check comes on top.
+        Seconds of wall time after which no iteration of the optimizer begins. The plan as far as
+        it was reached is returned with status TIME_LIMIT; its check takes extra time.
 
     Returns
     -------
@@ -70,15 +71,15 @@ def plan_motion(
     Raises
     ------
     PlanError
-        If it is not solved; the error has the plan.
+        If the plan is not solved; the error has the plan.
     InputError
         If the lookahead is not a whole number from 1 on, the deadline not positive, or the
-        checkpoint of another plan.
+        checkpoint belongs to another plan.
     KeyboardInterrupt
-        On Ctrl-C, unless its handler has been replaced. Whatever else a reporter raises reaches
-        the caller as well.
+        On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
+        as well.
     SolverMissingError
-        If the linear solver is not there.
+        If the linear solver is not installed.
     """
     began = time.perf_counter()
     options, reporter = options or Options(), reporter or Reporter()
@@ -86,23 +87,23 @@ def plan_motion(
     ends = began + seconds_allowed(deadline)
     _check_start(start, motion)
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
-    few = min(options.max_iterations, ROUGH_ITERATIONS)
-    rough = Optimizer(options.linear_solver, few, reporter, ROUGH, ends)
+    rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
+    rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH, ends)
     mesh = first_mesh(motion, options)
-    if large := check_size(motion, mesh, lookahead):
-        reporter.note(large)
-    given = start  # its own cost counts as well
+    if warning := check_size(motion, mesh, lookahead):
+        reporter.note(warning)
+    given = start  # its iterations and seconds are counted as well
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
         start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
-    own = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
-    if own.stopped and start is not None:
-        plan = _instead(start, own)
+    run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
+    if run.stopped and start is not None:
+        plan = _start_as_plan(start, run)
     else:
-        plan = _on_finer_meshes(own.run(), own)
+        plan = _refined(run.run(), run)
     parts: list[Optimizer | Plan] = [optimizer, rough, *([given] if given else [])]
-    plan = plan.recorded(
+    plan = plan.with_record(
         iterations=sum(part.iterations for part in parts),
         setup_seconds=sum(part.setup_seconds for part in parts),
         solve_seconds=sum(part.solve_seconds for part in parts),
@@ -120,7 +121,7 @@ def plan_motion(
 
 
 def _check_start(start: Plan | None, motion: Motion) -> None:
-    """Raise InputError for a plan that a plan of this motion cannot start from."""
+    """Raise InputError for a start of another trunk or with more steps than the motion."""
     if start is None:
         return
     if start.motion.trunk != motion.trunk:
@@ -132,37 +133,38 @@ def _check_start(start: Plan | None, motion: Motion) -> None:
         )
 
 
-def _instead(start: Plan, own: PlanningRun) -> Plan:
-    """The plan that a horizon starts from, where there was no time for the horizon itself."""
-    how = "interrupted" if own.optimizer.reporter.stop else "out of time"
-    whole = len(start.x) == len(own.motion.steps)
-    what = "the plan it starts from" if whole else "a part of the plan it would start from"
-    note = f"{how} before the horizon's own solve; this is {what}"
-    kept = replace(start, motion=own.motion, mode=own.mode, lookahead=own.lookahead, notes=(note,))
-    return _cut_short(kept, own)
+def _start_as_plan(start: Plan, run: PlanningRun) -> Plan:
+    """The plan that a horizon starts from, if the horizon itself was stopped before its solve."""
+    reason = "interrupted" if run.optimizer.reporter.stop else "out of time"
+    complete = len(start.x) == len(run.motion.steps)
+    what = "the plan it starts from" if complete else "a part of the plan it would start from"
+    note = f"{reason} before the horizon's own solve; this is {what}"
+    plan = replace(start, motion=run.motion, mode=run.mode, lookahead=run.lookahead, notes=(note,))
+    return _stopped(plan, run)
 
 
-def _on_finer_meshes(plan: Plan, own: PlanningRun) -> Plan:
-    """The plan, made again on finer meshes where its check asks for them."""
-    mesh = own.mesh
+def _refined(plan: Plan, run: PlanningRun) -> Plan:
+    """The plan, made again on finer meshes where its check finds the mesh too coarse."""
+    mesh = run.mesh
     for _ in range(REFINEMENTS):
         if not plan.converged or not plan.verification.too_coarse or plan.cut_short:
             break
-        if own.stopped:
-            return _cut_short(plan, own)
-        mesh = mesh_for(own.motion.trunk, own.motion.contact_from, 2 * mesh.elements, mesh.degree)
-        told = f"The mesh was too coarse; planning again with {mesh.elements} elements."
-        own.optimizer.reporter.note(told)
-        again = plan if own.mode != "sequential" else None
-        finer = replace(own, mesh=mesh, start=again).run()
-        plan = finer if len(finer.x) == len(plan.x) else _cut_short(plan, own)
+        if run.stopped:
+            return _stopped(plan, run)
+        mesh = mesh_for(run.motion.trunk, run.motion.contact_from, 2 * mesh.elements, mesh.degree)
+        run.optimizer.reporter.note(
+            f"The mesh was too coarse; planning again with {mesh.elements} elements."
+        )
+        start = plan if run.mode != "sequential" else None
+        finer = replace(run, mesh=mesh, start=start).run()
+        plan = finer if len(finer.x) == len(plan.x) else _stopped(plan, run)
     return plan
 
 
-def _cut_short(plan: Plan, own: PlanningRun) -> Plan:
-    """The plan, marked as what was there when the user or the deadline ended it."""
-    stop = own.optimizer.reporter.stop
-    return plan.recorded(interrupted=stop, late=not stop)
+def _stopped(plan: Plan, run: PlanningRun) -> Plan:
+    """The plan, marked as stopped by the user or the deadline."""
+    interrupted = run.optimizer.reporter.stop
+    return plan.with_record(interrupted=interrupted, late=not interrupted)
 
 
 def seconds_allowed(deadline: float | None) -> float:
@@ -187,14 +189,14 @@ def plan_from(
     options: Options | None = None,
     reporter: Reporter | None = None,
 ) -> Plan:
-    """The plan that one solve of each window from given unknowns leads to, good or bad.
+    """The plan that one solve of each window leads to from given controls, good or bad.
 
-    `plan_motion` looks for a good plan; this is for asking how many there are.
+    `plan_motion` looks for a good plan; this is for finding out how many optima there are.
 
     Parameters
     ----------
     x : (H, muscles + 2)
-        Activations and head angles of all time steps; brought within bounds first.
+        Controls of all time steps; clipped to their bounds first.
     """
     began = time.perf_counter()
     options, (mode, lookahead) = options or Options(), mode_of(motion, lookahead)

@@ -15,10 +15,11 @@ from ..nlp.ipopt import WARM, Optimizer
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
+from .decided_steps import DecidedSteps
+from .options import Options
 from .plan import Plan
 from .planner import seconds_allowed
 from .planning_run import PlanningRun
-from .state import Options, State
 
 
 class Replanner:
@@ -106,7 +107,7 @@ class Replanner:
         )
         if outcome.converged and window.reached(outcome.full):
             self._last = outcome
-        state = State()
+        state = DecidedSteps()
         planner.keep(window, outcome, len(motion.steps), state)
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
@@ -132,4 +133,4 @@ class Replanner:
     def _window(self, motion: Motion) -> tuple[Window, PlanningRun]:
         count = len(motion.steps)
         planner = PlanningRun(motion, self._mesh, "horizon", count, self._options, self._optimizer)
-        return planner.window(0, motion.steps, State()), planner
+        return planner.window(0, motion.steps, DecidedSteps()), planner

@@ -18,13 +18,14 @@ from .._support.toml_files import check_json
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec
 from ..nlp.window import Weights
-from ..problem.motion import Motion, build_motion
+from ..problem.build import build_motion
+from ..problem.motion import Motion
 from ..problem.problem_file import MOST_STEPS, ProblemSpec
 from ..rod.arguments import check_mesh
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from ..rod.rod_batch import shape_of_states
-from .plan import MODES, Plan, loads_of
+from .plan import MODES, Plan, planned_loads
 from .records import check_near, count, entries, fits, json_of, number, solve_of, table, words
 
 MOST_NODES = 800
@@ -57,9 +58,9 @@ def restored(contents: Contents) -> Plan:
     if planned > len(motion.steps) or (muscles and contents.texts("muscle") != muscles):
         raise InputError("its time steps or muscles are not those of its problem")
     x = _unknowns(contents, "", planned, len(muscles))
-    near = _near(contents, motion, x)
+    auxiliary = _auxiliary(contents, motion, x)
     tip_forces = _numbers(contents, "tip_force", planned, 3)
-    loads = loads_of(motion, tip_forces)
+    loads = planned_loads(motion, tip_forces)
     check_mesh(mesh, motion.trunk, loads)
     mode, lookahead = attributes["plan_mode"], count(attributes["lookahead"], 1)
     if mode not in MODES or (mode == "sequential" and lookahead != 1):
@@ -71,7 +72,7 @@ def restored(contents: Contents) -> Plan:
         shape=shape_of_states(motion.trunk, mesh, x, loads, states),
         mode=mode,
         lookahead=lookahead,
-        near=near,
+        auxiliary=auxiliary,
         **_record(attributes),
     )
 
@@ -118,7 +119,7 @@ def _valid(model: type[Section], text: str) -> Section:
         raise InputError(f"it has no valid {model.__name__[:-4].lower()} ({told})") from None
 
 
-def _near(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.ndarray]:
+def _auxiliary(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.ndarray]:
     """Auxiliary solutions by their step."""
     if "near_step" not in contents.arrays:
         return {}

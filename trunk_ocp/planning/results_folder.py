@@ -20,7 +20,8 @@ from .._support.atomic_files import write
 from .._support.provenance import fingerprint
 from .._support.toml_files import is_file, printable, read_bytes, shipped
 from ..errors import InputError
-from ..problem.motion import Motion, problems_folder
+from ..problem.build import problems_folder
+from ..problem.motion import Motion
 from .plan import Plan
 
 SOURCE = "source.json"

@@ -26,7 +26,7 @@ from .._support.netcdf import read_netcdf
 from .._support.provenance import fingerprint
 from .._support.toml_files import printable, read_bytes
 from ..errors import InputError
-from ..problem.built import as_built
+from ..problem.build import as_built
 from .plan import Plan, Status
 from .records import recorded
 from .restoring import check_size, check_texts, restored
@@ -221,9 +221,9 @@ def dataset(plan: Plan) -> xr.Dataset:
     """The whole plan as labeled arrays."""
     Z = np.linspace(0.0, plan.motion.trunk.length, POINTS)
     data = xr.Dataset(_arrays(plan, Z), _coordinates(plan, Z), _attributes(plan))
-    if plan.near:
-        near = np.stack(list(plan.near.values()))
-        data["near_step"] = ("near_number", np.array(list(plan.near)) + 1)
+    if plan.auxiliary:
+        near = np.stack(list(plan.auxiliary.values()))
+        data["near_step"] = ("near_number", np.array(list(plan.auxiliary)) + 1)
         data["near_activation"] = (("near_number", "muscle"), near[:, :-2])
         data["near_head"] = (("near_number", "angle"), near[:, -2:])
     # The format reads a dimension of length 0 as unlimited: leave such arrays out.

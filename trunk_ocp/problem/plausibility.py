@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +16,9 @@ from ..model.activation import strain_matrix
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import mass_beyond
 from ..model.overlaps import overlapping
+from .motion import Motion, Step
 from .problem_file import MOST_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
 from .targets import Target, bezier, way_points
-
-if TYPE_CHECKING:
-    from .motion import Motion, Step
 
 MOST_WARNINGS = 20
 LONGEST_TRUNK = 30.0  # m

@@ -30,13 +30,18 @@ Direction = Vector | HeldDirection
 
 @dataclass(frozen=True)
 class Target:
-    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights."""
+    """What eq. (42) asks of one point Z (m): position (m) and directors, with weights.
+
+    `source` is the section of the problem file that it comes from, such as "phases[1].targets[2]"
+    or "phases[3].wrap".
+    """
 
     Z: float
     position: Vector | None
     position_weight: float
     directions: tuple[Direction | None, Direction | None, Direction | None]
     direction_weights: Vector
+    source: str = ""
 
     def pairs(self) -> list[tuple[int, Direction, float]]:
         """The directors that count: (index, desired direction, weight)."""
@@ -47,24 +52,19 @@ class Target:
         ]
 
 
-def all_targets(spec: ProblemSpec, trunk: Trunk) -> list[tuple[Target, ...]]:
-    """Targets of every time step, with numbers in place of paths and arcs.
+def origins_of(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
+    """Points (3,) in m from which a problem's positions are measured, by their names in the file.
 
     Raises
     ------
     InputError
-        For points off the trunk, or directions held from a step that is not earlier.
+        If positions are measured from the passive tip and the trunk does not hold its own weight.
     """
-    origins = {"base": np.zeros(3), "passive-tip": np.zeros(3)}
+    origins = {"base": np.zeros(3)}
     parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
     if any(part.origin == "passive-tip" for part in parts):
         origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
-    found: list[tuple[Target, ...]] = []
-    for number, phase in enumerate(spec.phases, 1):
-        for i in range(1, phase.steps + 1):
-            where = f"phases[{number}]"
-            found.append(phase_targets(phase, i, trunk, origins, len(found), where))
-    return found
+    return origins
 
 
 @lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
@@ -84,7 +84,23 @@ def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
 def phase_targets(
     phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
 ) -> tuple[Target, ...]:
-    """Targets of step i of a phase, with numbers in place of paths and arcs."""
+    """Targets of step i of a phase (from 1), with numbers in place of paths and arcs.
+
+    Parameters
+    ----------
+    origins : dict
+        See `origins_of`.
+    step : int
+        Number of the step in the motion, from 0.
+    where : str
+        Key of the phase, for messages.
+
+    Raises
+    ------
+    InputError
+        For points off the trunk, directions held from a step that is not earlier, and wraps whose
+        points coincide.
+    """
     targets = []
     for n, spec in enumerate(phase.targets, 1):
         place = _place(spec, spec.position, phase, i, origins)
@@ -92,9 +108,15 @@ def phase_targets(
     if phase.wrap is not None:
         for Z in phase.wrap.Z:
             _on_trunk(Z, trunk, f"{where}.wrap.Z")
-        place = _place(phase.wrap, phase.wrap.center, phase, i, origins)
-        targets += _arc(phase.wrap, np.asarray(place), trunk, f"{where}.wrap")
+        center = np.asarray(wrap_center(phase, i, origins))
+        targets += _arc(phase.wrap, center, trunk, f"{where}.wrap")
     return tuple(targets)
+
+
+def wrap_center(phase: PhaseSpec, i: int, origins: dict[str, np.ndarray]) -> Vector | None:
+    """Center (3,) in m of the arc that a phase wraps around at its step i; None without a wrap."""
+    wrap = phase.wrap
+    return None if wrap is None else _place(wrap, wrap.center, phase, i, origins)
 
 
 def _place(
@@ -104,7 +126,7 @@ def _place(
     i: int,
     origins: dict[str, np.ndarray],
 ) -> Vector | None:
-    """Where a target or a wrap's center is at step i of its phase, in m; None if nowhere."""
+    """Position in m of a target or a wrap's center at step i of its phase; None if it has none."""
     if spec.path is not None:
         place = bezier(spec.path, i / phase.steps)
     elif spec.through is not None:
@@ -149,6 +171,7 @@ def _point(
         spec.position_weight,
         (directions[0], directions[1], directions[2]),
         weights,
+        where,
     )
 
 
@@ -175,6 +198,7 @@ def _arc(spec: WrapSpec, center: np.ndarray, trunk: Trunk, where: str) -> list[T
             spec.position_weights[p],
             (None, None, vector(_unit(chords[p]))),
             (0.0, 0.0, spec.d3_weights[p]),
+            where,
         )
         for p in range(spec.points)
     ]

@@ -61,7 +61,7 @@ def with_between(plan: Plan) -> Keyframes:
     """
     check_steps(plan)
     Z, jumped = np.linspace(0.0, plan.motion.trunk.length, 9), _jumped(plan)
-    times = np.append(0.0, plan.motion.times[: len(plan.x)]).tolist()
+    times = plan.times.tolist()
     ends = [plan.sample(0.0).shape.position(Z), *plan.shape.position(Z)]
     starts = [
         jumped[time].shape.position(Z) if time in jumped else end
@@ -121,7 +121,7 @@ def _keyframes(
 ) -> Keyframes:
     """Join the start, the steps, what comes before each of them and what follows a jump."""
     check_steps(plan)
-    steps = np.append(0.0, plan.motion.times[: len(plan.x)]).tolist()
+    steps = plan.times.tolist()
     rest = plan.sample(0.0)
     times, activation, held = [0.0], [rest.activation], [False]
     shapes = [_batch_of_one(rest.shape, plan.mesh)]

@@ -34,17 +34,12 @@ def end_of(plan: Plan) -> float:
     return plan.motion.steps[len(plan.x) - 1].time if len(plan.x) else 0.0
 
 
-def trajectory(plan: Plan) -> np.ndarray:
-    """Activations and head angles (rad) of time steps 0, 1, ...: (H + 1, muscles + 2)."""
-    return np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
-
-
 def instants(plan: Plan, times: np.ndarray, phase: int | None = None) -> list[Instant]:
     """The trunk at times in s; where no shape can be had, as in a failed plan, none is given.
 
     Where loads jump both sides, one after the other; of a phase, with its number, only its own.
     """
-    values = trajectory(plan)
+    values = plan.trajectory
     count = len(plan.motion.trunk.muscles)
     found = []
     for time in np.unique(times).tolist():
@@ -124,7 +119,7 @@ def curve_times(plan: Plan, count: int = 200) -> np.ndarray:
 
 def curves(plan: Plan, times: np.ndarray) -> np.ndarray:
     """Activations and head angles (rad) at times in s: (times, muscles + 2)."""
-    values = trajectory(plan)
+    values = plan.trajectory
     if len(values) == 1:
         return np.repeat(values, len(times), axis=0)
     return np.array([interpolate(plan.motion, values, float(time)) for time in times])

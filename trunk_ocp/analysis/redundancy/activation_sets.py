@@ -150,11 +150,11 @@ def _fiber(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Activati
     matrix = _rows(strain_matrix(trunk)[segment][:, muscles], trunk.base_radius)
     x = plan.activations[np.ix_(steps, muscles)]
     z = x.ravel()
-    boxes = [allowed(motion, motion.steps[t], plan.near.get(t)) for t in steps.tolist()]
+    boxes = [allowed(motion, motion.steps[t], plan.auxiliary.get(t)) for t in steps.tolist()]
     n, m = len(z), len(muscles)
     difference = sp.csr_array(sp.eye_array(n) - sp.eye_array(n, k=-m))
     change = [motion.steps[t].change for t in steps.tolist()]
-    held = np.array([joint and t not in plan.near for t in steps.tolist()])[:, None]
+    held = np.array([joint and t not in plan.auxiliary for t in steps.tolist()])[:, None]
     least = np.where(held, [box.lower[muscles] for box in change], -np.inf).ravel()
     most = np.where(held, [box.upper[muscles] for box in change], np.inf).ravel()
     bounded = np.flatnonzero(np.isfinite(least) | np.isfinite(most))

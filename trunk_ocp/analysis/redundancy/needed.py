@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..._support.process_pool import run
 from ...errors import InputError
+from ...planning.options import Options
 from ...planning.plan import Plan
 from ...planning.planner import plan_motion
-from ...planning.state import Options
-from ...problem.motion import Bounds, Motion
+from ...problem.motion import Motion
 from ...problem.variants import silenced_spec
 from ...reporting import Reporter
 from ..measures import measure
@@ -89,7 +89,7 @@ def needed(
     InputError
         If the plan is not verified, follows auxiliary solutions, or a name is unknown.
     """
-    if plan.near:
+    if plan.auxiliary:
         raise InputError(
             f"{plan.motion.name}, {plan.mode}: follows auxiliary solutions, which other muscles "
             "would change; expected a horizon plan."
@@ -136,16 +136,7 @@ def _replanned(
 
 def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
     """The same motion with some muscles at rest all the time."""
-    off = [motion.trunk.muscles.index(name) for name in muscles]
-
-    def silenced(box: Bounds) -> Bounds:
-        lower, upper = box.lower.copy(), box.upper.copy()
-        lower[off] = upper[off] = 0.0
-        return Bounds(lower, upper)
-
-    steps = tuple(replace(step, box=silenced(step.box)) for step in motion.steps)
-    spec = silenced_spec(motion.spec, muscles)
-    return replace(motion, spec=spec, steps=steps, box=silenced(motion.box))
+    return motion.with_spec(silenced_spec(motion.spec, muscles))
 
 
 def pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:

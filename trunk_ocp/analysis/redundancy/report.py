@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...planning.plan import Plan, squared_rate
+from ...planning.plan import Plan
 from .needed import AblationResult
 from .ranges import NARROW, Freedom, freedom
 from .variants import fewest_muscles, least_cost, least_effort, least_peak
@@ -54,7 +54,7 @@ def cost(plan: Plan) -> dict[str, float]:
     """What activations cost: no unit, but 1/s for the rate."""
     return {
         "squared_activation": float(np.sum(plan.activations**2)),
-        "squared_rate": squared_rate(plan),
+        "squared_rate": plan.squared_rate,
         "largest_activation": float(np.abs(plan.activations).max(initial=0.0)),
         "working_muscles": int(np.count_nonzero(largest(plan) > NARROW)),
         "planner_objective": plan.objective.total,

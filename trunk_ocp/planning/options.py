@@ -1,27 +1,24 @@
-"""Choices of the planner, and what a plan in the making has decided so far."""
+"""Options of the planner, and what follows from them: the mode and the first mesh."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from .._support.ranges import check
+from .._support.ranges import check, shown
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..problem.motion import Motion
-from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh, mesh_for
 
 GAUSS_POINTS = 24
-"""Along the trunk; with fewer, the shipped motions come near the check's limit."""
+"""Of the first mesh; with fewer, the shipped motions come close to the limits of the check."""
 REFINEMENTS = 2
-"""How often the mesh is halved where the independent check finds it too coarse."""
+"""How often elements are halved where the independent check finds the mesh too coarse."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Choices of the planner; the defaults serve every shipped motion.
+    """Options of the planner; the defaults solve every shipped motion.
 
     Attributes
     ----------
@@ -33,9 +30,9 @@ class Options:
     max_iterations : int
         Of Ipopt, for each solve.
     starts : int
-        From how many starts a window of several steps is solved at least; the best is kept.
+        Least number of starts of a window of several steps; the best solution is kept.
         The first is the sequential plan, the second the passive trunk, further ones are
-        random. More are tried, the passive trunk at least, if the best misses a target.
+        random. If the best misses a target, the passive trunk is tried in any case.
     """
 
     weights: Weights = field(default_factory=Weights)
@@ -46,26 +43,22 @@ class Options:
     starts: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("elements", "degree", "max_iterations", "starts"):
-            if (value := getattr(self, name)) is not None:
-                check(value, name)
-
-
-@dataclass(eq=False)
-class State:
-    """What has been decided so far: unknowns, shapes and directions of the kept steps."""
-
-    x: list[np.ndarray] = field(default_factory=list)
-    tip_forces: list[np.ndarray] = field(default_factory=list)
-    states: list[np.ndarray] = field(default_factory=list)
-    held: dict[HeldDirection, np.ndarray] = field(default_factory=dict)
-    auxiliary: np.ndarray | None = None  # the last unloaded optimum
-    near: dict[int, np.ndarray] = field(default_factory=dict)
-    converged: bool = True
+        for name in ("elements", "max_iterations", "starts"):
+            check(getattr(self, name), name)
+        if self.degree is not None:
+            check(self.degree, "degree")
+        if not isinstance(self.weights, Weights):
+            raise InputError(f"weights = {shown(self.weights)}: expected Weights(effort, rate).")
+        for name in ("effort", "rate"):
+            check(getattr(self.weights, name), "weight", f"weights.{name}")
+        if not (isinstance(self.linear_solver, str) and self.linear_solver):
+            raise InputError(
+                f"linear_solver = {shown(self.linear_solver)}: expected a name, such as mumps."
+            )
 
 
 def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
-    """Name of the mode that a lookahead makes, and the lookahead as a number of time steps.
+    """Name of the mode that a lookahead gives, and the lookahead as a number of time steps.
 
     Raises
     ------
@@ -80,7 +73,7 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
 
 
 def first_mesh(motion: Motion, options: Options) -> Mesh:
-    """Mesh to try first: some 24 Gauss points along the trunk, of a degree from 3 to 6."""
+    """The first mesh: about `GAUSS_POINTS` along the trunk, of a degree from 3 to 6."""
     coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
     degree = options.degree or min(max(GAUSS_POINTS // coarse.elements, 3), 6)
     return Mesh(coarse.edges, degree)

@@ -1,0 +1,69 @@
+"""Errors of a plan at its targets, from the independently integrated shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..problem.motion import Motion
+from ..problem.targets import Direction, HeldDirection
+from .verification import Verification
+
+
+@dataclass(frozen=True, eq=False)
+class StepErrors:
+    """Errors of one time step, target by target.
+
+    `position` in m at `position_Z`; `direction` is the length of the director's error at
+    `direction_Z`; `paper` is J_T of eq. (42).
+    """
+
+    position_Z: np.ndarray
+    position: np.ndarray
+    position_weights: np.ndarray
+    direction_Z: np.ndarray
+    direction: np.ndarray
+    direction_weights: np.ndarray
+
+    @property
+    def paper(self) -> float:
+        """J_T of eq. (42): weighted sum of distances, not squared."""
+        return float(
+            self.position_weights @ self.position + self.direction_weights @ self.direction
+        )
+
+
+def step_errors(motion: Motion, verification: Verification) -> tuple[StepErrors, ...]:
+    """Errors of each verified step of a motion, from the independently integrated shapes."""
+    at = verification.at
+
+    def wanted(direction: Direction) -> np.ndarray:
+        if isinstance(direction, HeldDirection):
+            return at(direction.step, direction.Z)[1][direction.director]
+        return np.asarray(direction)
+
+    errors = []
+    for t, step in enumerate(motion.steps[: len(verification.targets)]):
+        positions = [
+            (target.Z, _distance(at(t, target.Z)[0], target.position), target.position_weight)
+            for target in step.targets
+            if target.position is not None and target.position_weight > 0
+        ]
+        directions = [
+            (target.Z, _distance(at(t, target.Z)[1][j], wanted(direction)), weight)
+            for target in step.targets
+            for j, direction, weight in target.pairs()
+        ]
+        errors.append(StepErrors(*_columns(positions), *_columns(directions)))
+    return tuple(errors)
+
+
+def _distance(a: np.ndarray, b: Sequence[float] | np.ndarray) -> float:
+    return float(np.linalg.norm(a - np.asarray(b)))
+
+
+def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    table = np.array(rows, dtype=float).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]

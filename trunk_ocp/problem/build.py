@@ -1,0 +1,248 @@
+"""Building a motion from a problem file and an anatomy (section 5, appendix B)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from .._support.toml_files import is_file, read_toml, shipped
+from ..errors import InputError
+from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
+from ..model.loads import Loads, vector
+from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
+from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
+from .plausibility import suspicions
+from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
+from .targets import HeldDirection, check_earlier, origins_of, phase_targets, wrap_center
+
+
+def problems_folder() -> Path:
+    """Folder of the shipped problem files: inside the installed package, or beside it."""
+    package = Path(__file__).parent.parent
+    inside = package / "problems"
+    return inside if inside.is_dir() else package.parent / "problems"
+
+
+def load_motion(name_or_path: str | Path) -> Motion:
+    """Read a motion: a shipped name ("pick-fruit") or a path to a problem file.
+
+    Raises
+    ------
+    InputError
+        If it is neither, or if the file is faulty; names file, key, value, expectation.
+    """
+    path = shipped(str(name_or_path), problems_folder())
+    spec = read_toml(path, ProblemSpec)
+    local = path.parent / spec.anatomy
+    anatomy_path = local if is_file(local) else Path(spec.anatomy)
+    try:
+        anatomy = read_anatomy(anatomy_path)
+    except InputError as error:
+        raise InputError(f"{path}:\n  anatomy: {error}") from None
+    try:
+        motion = build_motion(spec, anatomy)
+    except InputError as error:
+        raise InputError(f"{path}:\n  {error}") from None
+    return replace(motion, warnings=suspicions(motion, path, anatomy_path))
+
+
+def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
+    """Turn a validated problem file and anatomy into a motion.
+
+    Raises
+    ------
+    InputError
+        For faults that only show in the two together: unknown muscles, points off the trunk,
+        directions held from a step that is not earlier.
+    """
+    trunk = build_trunk(anatomy)
+    origins = origins_of(spec, trunk)
+    matches = matching_muscles(spec, trunk.muscles)
+    box = _box(trunk, spec.bounds, matches, None, "bounds")
+    steps: list[Step] = []
+    phases: list[Phase] = []
+    start = 0.0
+    for number, phase in enumerate(spec.phases):
+        where = f"phases[{number + 1}]"
+        phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
+        for i in range(1, phase.steps + 1):
+            steps.append(
+                Step(
+                    time=start + phase.duration * i / phase.steps,
+                    duration=phase.duration / phase.steps,
+                    phase=number,
+                    targets=phase_targets(phase, i, trunk, origins, len(steps), where),
+                    loads=_loads(phase.loads, spec.gravity, trunk, where),
+                    pull=_pull(phase.loads, i / phase.steps, trunk, len(steps), where),
+                    box=phase_box,
+                    change=_change(phase.change, i, len(trunk.muscles)),
+                    auxiliary=_auxiliary(phase),
+                    log=_log(spec, phase, i, origins),
+                )
+            )
+        start += phase.duration
+        phases.append(Phase(phase.name, start, phase.interpolation))
+    _check_contact(steps)
+    extension = spec.bounds.extension
+    return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), extension, box, build_motion)
+
+
+def as_built(motion: Motion) -> bool:
+    """Whether a motion is what its spec and anatomy build once they are read back from a file.
+
+    It is not if it was changed by hand after it was built, or if its spec was edited into one that
+    no problem file can have.
+    """
+    try:
+        spec = ProblemSpec.model_validate_json(motion.spec.model_dump_json())
+        anatomy = AnatomySpec.model_validate_json(motion.anatomy.model_dump_json())
+        built = build_motion(spec, anatomy)
+    except (InputError, ValidationError):
+        return False
+    names = ("trunk", "phases", "steps", "extension", "box")
+    return all(_equal(getattr(motion, name), getattr(built, name)) for name in names)
+
+
+def _equal(a: object, b: object) -> bool:
+    """Equality of dataclasses and tuples that contain arrays."""
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and np.array_equal(a, b)
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(map(_equal, a, b))
+    if is_dataclass(a) and type(a) is type(b):
+        return all(_equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    return a == b
+
+
+def _box(
+    trunk: Trunk,
+    spec: LimitsSpec,
+    matches: dict[str, np.ndarray],
+    outer: Bounds | None,
+    where: str,
+) -> Bounds:
+    """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
+    count = len(trunk.muscles)
+    if outer is None:
+        lower = np.concatenate([np.zeros(count), [-HEAD_LIMIT, -HEAD_LIMIT]])
+        upper = -lower
+    else:
+        lower, upper = outer.lower.copy(), outer.upper.copy()
+    if spec.activation is not None:
+        lower[:count], upper[:count] = spec.activation
+    for pattern, pair in spec.muscles.items():
+        matching = matches[pattern]
+        if not matching.size:
+            raise InputError(
+                f'{where}.muscles."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a name '
+                f"or pattern of {listed(trunk.muscles)}."
+            )
+        lower[matching], upper[matching] = pair
+    for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
+        if angles is not None:
+            lower[index], upper[index] = np.radians(angles)
+    if outer is not None:
+        lower, upper = np.maximum(lower, outer.lower), np.minimum(upper, outer.upper)
+    for i in np.flatnonzero(lower > upper).tolist():
+        name = (*trunk.muscles, "head_z_deg", "head_y_deg")[i]
+        raise InputError(
+            f"{where}: {name} has no value left; expected bounds that overlap with the motion's."
+        )
+    return Bounds(lower, upper)
+
+
+def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Bounds:
+    """Bounds on the change to step i of a phase; later entries override."""
+    upper = np.full(count + 2, np.inf)
+    lower = -upper
+    for spec in specs:
+        if spec.steps is not None and not spec.steps[0] <= i <= spec.steps[1]:
+            continue
+        if spec.activation is not None:
+            lower[:count], upper[:count] = -spec.activation, spec.activation
+        for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
+            if pair is not None:
+                lower[index], upper[index] = np.radians(pair)
+    return Bounds(lower, upper)
+
+
+def _auxiliary(phase: PhaseSpec) -> Auxiliary | None:
+    spec = phase.auxiliary
+    if spec is None:
+        return None
+    activation, head = spec.activation_deviation, spec.head_deviation_deg
+    return Auxiliary(
+        math.inf if activation is None else activation,
+        math.inf if head is None else math.radians(head),
+    )
+
+
+def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
+    """Loads of a phase; a log's weight and couple follow from its size (eq. 54)."""
+    tip = np.asarray(spec.tip_force) + np.array([0.0, 0, spec.tip_mass * gravity])
+    contact_from, force, couple = spec.contact_from, spec.contact_force, spec.contact_couple
+    if spec.log is not None:
+        log, weight = spec.log, _mass(spec.log) * gravity
+        contact_from, force = log.contact_from, (0.0, 0.0, weight)
+        couple = (-log.offset * weight, 0.0, 0.0)
+    if contact_from is not None and not contact_from < trunk.length:
+        raise InputError(
+            f"{where}.loads: contact_from = {contact_from:g}: expected less than the trunk's "
+            f"length, {trunk.length:g} m."
+        )
+    return Loads(gravity, vector(tip), contact_from, force, couple)
+
+
+def _mass(log: LogSpec) -> float:
+    """Mass of a log in kg."""
+    return math.pi * log.radius**2 * log.length * log.density
+
+
+def _log(spec: ProblemSpec, phase: PhaseSpec, i: int, origins: dict[str, np.ndarray]) -> Log | None:
+    """The log at step i of a phase; see `Log`."""
+    wrap, carried = phase.wrap, phase.loads.log
+    if wrap is not None:
+        logs = (p.loads.log for p in spec.phases if p.loads.log is not None)
+        same = next((log for log in logs if log.radius == wrap.log_radius), None)
+        log, radius = carried or same, wrap.log_radius
+    elif carried is not None:
+        log, radius = carried, carried.radius
+    else:
+        return None
+    center, offset = wrap_center(phase, i, origins), log.offset if log else 0.0
+    if center is not None:
+        # By eq. (54) the weight W turns by -offset W about e_X, as a weight at y = -offset does.
+        center = (center[0], center[1] - offset, center[2])
+    return Log(
+        center,
+        radius,
+        log.length if log else None,
+        offset,
+        _mass(log) if log else None,
+        carried.contact_from if carried else None,
+    )
+
+
+def _pull(
+    spec: LoadsSpec, t: float, trunk: Trunk, step: int, where: str
+) -> tuple[float, HeldDirection] | None:
+    if spec.pull is None:
+        return None
+    pull = spec.pull
+    check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
+    held = HeldDirection(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
+    return pull.force * (t if pull.ramp else 1.0), held
+
+
+def _check_contact(steps: list[Step]) -> None:
+    """Raise InputError unless all contact starts at the same place."""
+    starts = {step.loads.contact_from for step in steps} - {None}
+    if len(starts) > 1:
+        raise InputError(
+            f"phases: contact starts at {sorted(starts, key=str)} m in different phases; expected "
+            "one place for the whole motion."
+        )
