@@ -35,7 +35,7 @@ test: venv $(TESTABLE)
 oldest:
 	$(PYTHON) -m venv $(OLDEST)
 	$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check \
-	  --constraint requirements-oldest.txt --editable '.[fast,jax,onnx,symbolic]' $(TORCH) \
+	  --constraint requirements-oldest.txt --editable '.[fast,jax,symbolic]' $(TORCH) \
 	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 	  $(OLDEST)/bin/python -m pytest --numprocesses=2 -W ignore --ignore tests/viewer/test_page.py

@@ -9,9 +9,9 @@ import exported
 import numpy as np
 import pytest
 
+from trunk_ocp.codegen.jax_torch import check_jax, check_torch, write_jax, write_torch
 from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.request import ToolMissingError
-from trunk_ocp.codegen.wrappers import check_jax, check_torch, write_jax, write_torch
 
 DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
 EXACT = 1e-12  # the same numbers by another route

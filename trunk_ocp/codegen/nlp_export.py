@@ -32,11 +32,11 @@ from ..nlp.ipopt import Optimizer
 from ..nlp.window import Window
 from ..planning.planning_run import PlanningRun
 from ..planning.state import Options, State, first_mesh
-from .foreign import in_comment
+from .escaping import in_comment
+from .headers import template
 from .nlp_export_layout import layout
 from .request import Request
-from .running import build_mex, in_a_copy, run, run_octave, tool
-from .texts import template
+from .run_checks import build_mex, in_a_copy, run, run_octave, tool
 
 CHECK = "nlp_check.csv"
 ROOM = 0.05
