@@ -164,7 +164,7 @@ def test_planners_raise_with_the_plan(ends):
 
 
 def test_the_error_begins_with_what_is_worst(ends):
-    with pytest.raises(PlanError, match=r"Step 1: extension of segment \d, made by its muscles"):
+    with pytest.raises(PlanError, match=r"Step 1: extension made by the muscles of segment \d"):
         ends[Status.INFEASIBLE].checked()
 
 

@@ -216,11 +216,11 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
                 bound = motion.extension[side > 0]
                 add(f"extension of segment {segment + 1}", side, step, place, bound, 1.0, False)
     for block in window.blocks:
-        if block.name != "change" or block.step is None:
+        if block.controls is None:
             continue
         change = window.steps[block.step - window.offset].change
         for component, row in enumerate((block.rows - 1).tolist()):
-            i, side = int(change.limited[component]), int(at_g[row])
+            i, side = block.component(component), int(at_g[row])
             if side:
                 name = names[i] if i < count else f"head psi_{'ZY'[i - count]}"
                 bound = float((change.lower if side < 0 else change.upper)[i])

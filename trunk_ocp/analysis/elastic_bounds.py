@@ -20,6 +20,7 @@ from scipy.optimize import linprog
 from ..model.activation import strain_matrix
 from ..nlp.ipopt import IPOPT, Optimizer
 from ..nlp.point_functions import weighted
+from ..nlp.quantities import scalar
 from ..nlp.window import Weights, Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, Motion
@@ -28,7 +29,6 @@ from ..rod.collocation import Mesh
 
 PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
 ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
-CHANGE = "change of activation of "  # in the name of a bound
 SMALLEST = 1e-3  # share of the range, below which an excess is the optimizer's inaccuracy
 EXACT = 1e-6  # the same for the linear program
 ITERATIONS = 200
@@ -52,6 +52,7 @@ class Bound:
     `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
     has this value: it gives by the same amount at all of them. `most` is the largest excess that
     makes sense, in the unknown's own unit: no muscle can push, no head turns right round.
+    `muscle` is the one whose change between steps it limits, if it does.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Bound:
     scale: float
     steps: tuple[int, ...]
     most: float
+    muscle: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,10 @@ def in_words(excesses: Sequence[Excess], motion: Motion) -> tuple[str, ...]:
     told: dict[object, Excess] = {}
     for excess in excesses:
         bound = excess.bound
-        key = (bound.steps, abs(bound.value)) if CHANGE in bound.name else bound.name, bound.steps
+        key = (bound.steps, abs(bound.value)) if bound.muscle else bound.name, bound.steps
         told[key] = max(told.get(key, excess), excess, key=lambda one: one.amount)
     return tuple(
-        _of_change(excess, motion) if CHANGE in excess.bound.name else str(excess)
+        _of_change(excess, motion) if excess.bound.muscle else str(excess)
         for excess in told.values()
     )
 
@@ -99,10 +101,9 @@ def _of_change(excess: Excess, motion: Motion) -> str:
     phases = sorted({motion.steps[step - 1].phase + 1 for step in bound.steps})
     where = ", ".join(f"phases[{phase}]" for phase in phases)
     to = outwards(abs(bound.value) + ROOM * excess.amount, 1)
-    muscle = bound.name.rpartition(" ")[2]
     return (
         f"change.activation of {where} ({said(bound.steps)}): from {abs(bound.value):.4g} to "
-        f"{to:.4g}, for {muscle}"
+        f"{to:.4g}, for {bound.muscle}"
     )
 
 
@@ -249,7 +250,8 @@ def elastic_bounds(motion: Motion) -> Elastic:
     most = np.array([step.change.upper for step in motion.steps])
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         scale = 0.2 if unit else 0.5
-        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, least[:, i], most[:, i])
+        ends, muscle = (least[:, i], most[:, i]), (*trunk.muscles, "", "")[i]
+        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, *ends, muscle=muscle)
     return rows.elastic()
 
 
@@ -271,6 +273,7 @@ class _Rows:
         upper: np.ndarray,
         offset: float = 0.0,
         within: tuple[float, float] = (-np.inf, np.inf),
+        muscle: str = "",
     ) -> None:
         """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told.
 
@@ -284,7 +287,7 @@ class _Rows:
                 steps = tuple((same + 1).tolist())
                 most = max(0.0, sign * (limit - value))
                 told = per * value + offset
-                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most)
+                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most, muscle)
                 self.parts.append((matrix[same], sign, values[same]))
                 self.bounds.append(bound)
 
@@ -328,13 +331,13 @@ class ElasticWindow(Window):
         self.excess = add.variables(most.size, lower=0.0, upper=most)
         unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
         C = self.elastic.matrix
-        rows = add.rows(
-            "elastic bound", C.shape[0], lower=self.elastic.lower, upper=self.elastic.upper
-        )
-        add.linear(rows[C.row], unknowns[C.col], C.data)
+        lower, upper = self.elastic.lower[:, None], self.elastic.upper[:, None]
+        rows = add.rows(scalar("elastic bound"), C.shape[0], 1, lower=lower, upper=upper)
+        add.linear(rows[C.row, 0], unknowns[C.col], C.data)
         for goal in self.goals():
             if goal.weight > 0:
-                row = add.rows("target", 1, lower=-np.inf, upper=1.0)  # in units of tolerance
+                # In units of the tolerance.
+                row = add.rows(scalar("target"), 1, lower=-np.inf, upper=1.0)
                 parameters = np.append(goal.parameters, goal.tolerance**-2)
                 add.term(goal.function, goal.variables[:, None], parameters[:, None], 0, 0, row)
         price = np.array([[PRICE / bound.scale for bound in self.elastic.bounds]])

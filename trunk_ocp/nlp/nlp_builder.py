@@ -6,11 +6,13 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from .quantities import Meaning
 from .separable_nlp import SeparableNLP, Term
 
 
@@ -29,20 +31,40 @@ class _Places:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows of constraints that belong together, named for who asks which one is violated.
+    """Constraint rows that belong together.
 
-    `rows` has any shape; its last axis is that of the components. `Z` (m) has the shape of the
-    other axes, if rows belong to points of the trunk. `step` is the time step, from 0.
+    Attributes
+    ----------
+    meaning : Meaning
+        What the rows state, with the units and scales of their components.
+    rows : (..., components) int
+        Row numbers in F, which start from 1.
+    Z : (...), optional
+        Points of the trunk that the rows belong to, in m.
+    step : int
+        Time step of the motion, from 0.
+    variables : (..., components) int, optional
+        The variables that the rows define, where these have bounds of their own.
+    controls : (components,) int, optional
+        The components of the meaning that the rows are about, each a constraint of its own; by
+        default all of them.
     """
 
-    name: str
+    meaning: Meaning
     rows: np.ndarray
     Z: np.ndarray | None = None
-    step: int | None = None
+    step: int = 0
+    variables: np.ndarray | None = None
+    controls: np.ndarray | None = None
 
-    def moved(self, by: int, step: int) -> Block:
-        """The same of a time step, with row numbers grown by a number."""
-        return replace(self, rows=self.rows + by, step=step)
+    def component(self, i: int) -> int:
+        """Index in the meaning's components of that of the rows' last axis."""
+        return i if self.controls is None else int(self.controls[i])
+
+    def moved(self, variables: int, rows: int, step: int) -> Block:
+        """The block of a time step, with indices of variables and rows shifted."""
+        own = None if self.variables is None else self.variables + variables
+        return replace(self, rows=self.rows + rows, step=step, variables=own)
 
 
 class NLPBuilder:
@@ -76,20 +98,19 @@ class NLPBuilder:
 
     def rows(
         self,
-        name: str,
+        meaning: Meaning,
         *shape: int,
         lower: float | np.ndarray = 0.0,
         upper: float | np.ndarray = 0.0,
-        Z: np.ndarray | None = None,
-        step: int | None = None,
+        **about: Any,
     ) -> np.ndarray:
         """New constraint rows, lower <= g <= upper; returns their row numbers in F.
 
-        The others are as in `Block`.
+        about : attributes of the `Block`.
         """
         rows = self._more_rows(np.broadcast_to(lower, shape), np.broadcast_to(upper, shape))
         if rows.size:
-            self.blocks.append(Block(name, rows, Z, step))
+            self.blocks.append(Block(meaning, rows, **about))
         return rows
 
     def _more_rows(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -148,7 +169,7 @@ class NLPBuilder:
             own["lbx"][places], own["ubx"][places] = lower, upper
         self.variables(part._count, lower=own["lbx"], upper=own["ubx"])
         self._more_rows(own["lbg"], own["ubg"])
-        self.blocks += [block.moved(rows, step) for block in part.blocks]
+        self.blocks += [block.moved(variables, rows, step) for block in part.blocks]
         r, c, v = part._entries
         self._linear.append((r + rows, c + variables, v))
         for t in part._terms:

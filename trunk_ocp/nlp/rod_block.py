@@ -18,6 +18,10 @@ from ..rod.collocation import Mesh, gauss
 from ..rod.equations import RATES, STATES
 from .nlp_builder import NLPBuilder
 from .point_functions import base
+from .quantities import Meaning, quantities
+
+AXES = (1, 2, 3)  # of the directors
+CURVATURES = tuple(f"curvature u_{i}" for i in AXES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +94,8 @@ def rod_equations(
     )
     _strain_rows(add, trunk, u)
     _base_rows(add, trunk, u)
-    inside = _point_variables(add, mesh, u, asked)
-    collocation, line = _linear_rows(add, mesh, u)
+    inside = _point_variables(add, trunk, mesh, u, asked)
+    collocation, line = _linear_rows(add, trunk, mesh, u)
     return _with_rates(add, trunk, mesh, u, collocation, line, inside)
 
 
@@ -99,23 +103,27 @@ def _strain_rows(add: NLPBuilder, trunk: Trunk, u: Unknowns) -> None:
     """Strain numbers from activations; mean extension from extensions (eqs. 5, 30)."""
     A = strain_matrix(trunk) * np.array([1, *3 * [trunk.length]])[:, None]
     rest = np.tile([1.0, 0, 0, 0], (trunk.segments, 1))
-    rows = add.rows("strain", trunk.segments, 4, lower=rest, upper=rest)
+    strain, mean = quantities(trunk)["strains"], quantities(trunk)["extension"]
+    labels = tuple(f"{name} made by the muscles" for name in ("extension", *CURVATURES))
+    meaning = Meaning("strain", strain, labels, "segment")
+    rows = add.rows(meaning, trunk.segments, 4, lower=rest, upper=rest, variables=u.strain)
     add.linear(rows, u.strain)
     add.linear(rows[..., None], u.x[: A.shape[2]], -A)
-    row = add.rows("mean extension", 1)
+    row = add.rows(Meaning("mean extension", mean), 1)
     add.linear(row, u.mean)
     add.linear(row, u.strain[:, 0], -segment_fractions(trunk))
 
 
 def _base_rows(add: NLPBuilder, trunk: Trunk, u: Unknowns) -> None:
     """Base position and orientation from the head angles (eqs. 35-39)."""
-    rows = add.rows("base", 7)
+    labels = 3 * ("position of the base",) + 4 * ("orientation of the base",)
+    rows = add.rows(Meaning("base", quantities(trunk)["pose"], labels), 7)
     add.linear(rows, np.concatenate([u.line[0], u.edges[0, :4]]))
     add.term(base(trunk), u.x[-2:, None], np.zeros((0, 1)), np.arange(7), 0, rows, -1.0)
 
 
 def _point_variables(
-    add: NLPBuilder, mesh: Mesh, u: Unknowns, asked: tuple[float, ...]
+    add: NLPBuilder, trunk: Trunk, mesh: Mesh, u: Unknowns, asked: tuple[float, ...]
 ) -> list[tuple[int, float, np.ndarray]]:
     """Orientation and position at every Z that is asked for.
 
@@ -123,6 +131,8 @@ def _point_variables(
     polynomial. Returns those inside, as (element, tau, rows of r).
     """
     inside = []
+    frame = Meaning("frame at a target", quantities(trunk)["orientation"])
+    position = _position("position at a target", trunk)
     for Z in asked:
         element, tau = (value.item() for value in mesh.locate(Z))
         if tau in (0.0, 1.0):
@@ -131,31 +141,43 @@ def _point_variables(
             continue
         q, r = add.variables(4), add.variables(3)
         u.points[Z] = (q, r)
-        rows = add.rows("frame at a target", 4, Z=np.array(Z))
+        rows = add.rows(frame, 4, Z=np.array(Z))
         values = gauss(mesh.degree).value(tau)
         states = np.concatenate([u.edges[element, None, :4], u.inner[element, :, :4]])
         add.linear(rows, q)
         add.linear(rows, states, -values[:, None])
-        rows = add.rows("position at a target", 3, Z=np.array(Z))
+        rows = add.rows(position, 3, Z=np.array(Z))
         add.linear(rows, r)
         add.linear(rows, u.line[element], -1.0)
         inside.append((element, tau, rows))
     return inside
 
 
-def _linear_rows(add: NLPBuilder, mesh: Mesh, u: Unknowns) -> tuple[np.ndarray, np.ndarray]:
+def _linear_rows(
+    add: NLPBuilder, trunk: Trunk, mesh: Mesh, u: Unknowns
+) -> tuple[np.ndarray, np.ndarray]:
     """Collocation, continuity and centerline without the rates; rows of the first and last."""
     E, d, element = mesh.elements, mesh.degree, gauss(mesh.degree)
     states = np.concatenate([u.edges[:-1, None], u.inner], axis=1)  # (E, d + 1, 7)
-    collocation = add.rows("rod", E, d, STATES, Z=mesh.points)
+    state, ends = quantities(trunk)["state"], np.array(mesh.edges[1:])
+    labels = (*4 * ("the frame's equation",), *(f"balance of moments about d{i}" for i in AXES))
+    collocation = add.rows(Meaning("rod", state, labels), E, d, STATES, Z=mesh.points)
     add.linear(collocation[:, :, None], states[:, None], element.derivative[None, :, :, None])
-    continuity = add.rows("continuity", E, STATES, Z=np.array(mesh.edges[1:]))
+    joint = "continuity of the moment about d"
+    labels = (*4 * ("the frame's continuity",), *(f"{joint}{i}" for i in AXES))
+    continuity = add.rows(Meaning("continuity", state, labels), E, STATES, Z=ends)
     add.linear(continuity, u.edges[1:])
     add.linear(continuity[:, None], states, -element.value(1.0)[None, :, None])
-    line = add.rows("centerline", E, 3, Z=np.array(mesh.edges[1:]))
+    line = add.rows(_position("centerline", trunk), E, 3, Z=ends)
     add.linear(line, u.line[1:])
     add.linear(line, u.line[:-1], -1.0)
     return collocation, line
+
+
+def _position(name: str, trunk: Trunk) -> Meaning:
+    """Meaning of rows about a position."""
+    labels = tuple(f"the {name}, coordinate {axis}," for axis in "XYZ")
+    return Meaning(name, quantities(trunk)["position"], labels)
 
 
 def _with_rates(

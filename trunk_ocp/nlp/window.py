@@ -35,6 +35,7 @@ from .point_functions import (
     squared_distance,
     squared_held_direction,
 )
+from .quantities import Meaning, quantities, units_of
 from .rod_block import Unknowns, rod_equations
 from .separable_nlp import SeparableNLP
 
@@ -95,9 +96,8 @@ class Window:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
         self.known = held
         trunk = motion.trunk
-        self.length = trunk.length
-        self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
-        self.force = self.moment / trunk.length
+        units = units_of(trunk)
+        self.length, self.moment, self.force = units.length, units.moment, units.force
         self._assembly = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
         self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
@@ -176,11 +176,12 @@ class Window:
         of that step.
         """
         add, indices = self._assembly, {}
+        held = Meaning("held direction", quantities(self.motion.trunk)["direction"])
         for reference in self.motion.held:
             if not 0 <= reference.step - self.offset < len(self.steps):
                 continue
             unknowns = self.unknowns[reference.step - self.offset]
-            D, rows = add.variables(3), add.rows("held direction", 3, step=reference.step)
+            D, rows = add.variables(3), add.rows(held, 3, step=reference.step)
             add.linear(rows, D)
             q = unknowns.points[reference.Z][0]
             add.term(
@@ -197,14 +198,19 @@ class Window:
 
     def _couplings(self) -> None:
         """Pulls along held directions; bounds on change."""
-        add = self._assembly
+        add, known = self._assembly, quantities(self.motion.trunk)
+        along = tuple(f"the pull along a held direction, {axis}," for axis in "XYZ")
+        pull = Meaning("pull", known["force"], along)
+        controls = known["controls"]
+        names = tuple(f"change of {control.name}" for control in controls.components)
+        changes = Meaning("change", controls, names)
         before = self.previous
         numbered = enumerate(zip(self.steps, self.unknowns, strict=True), self.offset)
         for number, (step, u) in numbered:
             pulled = step.pull is not None and not self._is_known(step.pull[1])
             if pulled and step.pull is not None:
                 own = np.asarray(step.loads.tip_force) / self.force
-                rows = add.rows("pull", 3, lower=own, upper=own, step=number)
+                rows = add.rows(pull, 3, lower=own, upper=own, step=number)
                 add.linear(rows, u.tip_force)
                 strength = np.array([[-step.pull[0] / self.force]])
                 D = self.held[step.pull[1]]
@@ -212,7 +218,9 @@ class Window:
             change = step.change
             limited = change.limited
             lower, upper = change.lower[limited], change.upper[limited]
-            rows = add.rows("change", limited.size, lower=lower, upper=upper, step=number)
+            rows = add.rows(
+                changes, limited.size, lower=lower, upper=upper, step=number, controls=limited
+            )
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             before = u.x
