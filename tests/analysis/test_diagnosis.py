@@ -13,7 +13,8 @@ from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 from trunk_ocp.analysis.bound_sensitivity import Response
 from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
 from trunk_ocp.cli import commands
-from trunk_ocp.nlp.ipopt import Optimizer, Solve, rank
+from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.outcome import Solve, rank
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.plan import PlanError, Status
 from trunk_ocp.planning.planner import plan_motion

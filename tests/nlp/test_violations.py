@@ -30,7 +30,7 @@ def feasible():
 
 def of(window, full):
     """Values of a window's constraints."""
-    nlp = window.nlp.nlp()
+    nlp = window.nlp.as_casadi()
     g = ca.Function("g", [nlp["x"], nlp["p"]], [nlp["g"]])
     return np.asarray(g(full, window.parameters)).ravel()
 

@@ -15,13 +15,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ..nlp.ipopt import WARM, Optimizer, Outcome
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import WARM_OPTIONS
+from ..nlp.outcome import Outcome
 from ..nlp.window import Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, allowed
 
 PART = 0.01  # by which a bound is moved: 1 %; one of 0 by 0.01, or 0.01 rad
-SHARP = WARM | {"tol": 1e-9, "compl_inf_tol": 1e-13}
+SHARP = WARM_OPTIONS | {"tol": 1e-9, "compl_inf_tol": 1e-13}
 """Ends with a barrier so low that multipliers tell which bounds bind."""
 TINY = np.finfo(float).tiny
 SAME = 1e-3

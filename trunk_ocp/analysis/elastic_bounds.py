@@ -18,7 +18,8 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from ..model.activation import strain_matrix
-from ..nlp.ipopt import IPOPT, Optimizer
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import DEFAULT_OPTIONS
 from ..nlp.point_functions import weighted
 from ..nlp.quantities import scalar
 from ..nlp.window import Weights, Window
@@ -32,6 +33,7 @@ ROOM = 1.00001  # times the least excess is what is advised: bounds that just me
 SMALLEST = 1e-3  # share of the range, below which an excess is the optimizer's inaccuracy
 EXACT = 1e-6  # the same for the linear program
 ITERATIONS = 200
+OPTIONS = DEFAULT_OPTIONS | {"mu_init": 1e-2}
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
 # No advice goes beyond what a body can do, unless the file itself does.
@@ -162,7 +164,7 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     optimum, like every plan. None if no such motion was found within what is `PHYSICAL`.
     """
     window = ElasticWindow(plan.motion, plan.mesh)
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
     start = window.pack(plan.x, plan.shape)
     outcome = optimizer.solve(window, start, "relaxation", "what would have to give")
     if not outcome.converged:
@@ -187,7 +189,7 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
         replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
         plan.weights,
     )  # fmt: skip
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
     start = window.pack(plan.x, plan.shape)
     outcome = optimizer.solve(window, start, "relaxation", "how near the targets are")
     return window.worst_error(outcome.full) if outcome.converged else None

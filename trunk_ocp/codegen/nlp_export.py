@@ -57,7 +57,7 @@ class Exported:
         nlp = self.window.nlp
         x, p = ca.MX.sym("x", nlp.size[0]), ca.MX.sym("p", self.window.parameters.size)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.size[1])
-        at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.nlp(), ["x", "p"]
+        at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.as_casadi(), ["x", "p"]
         both = ca.Function("both", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
         f, g = both.call(at, True, False)
         made = [

@@ -72,7 +72,7 @@ class SeparableNLP:
         """Numbers of variables and of constraints."""
         return self.linear.shape[1], self.linear.shape[0] - 1
 
-    def nlp(self) -> dict[str, ca.MX]:
+    def as_casadi(self) -> dict[str, ca.MX]:
         """Problem in CasADi's form, x, p, f, g."""
         x, p, places = self._inputs()
         f, g = self._values(x, places, OBJECTIVE), self._values(x, places, CONSTRAINTS)

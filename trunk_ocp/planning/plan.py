@@ -14,7 +14,7 @@ import numpy as np
 from .._support.wording import rounded
 from ..errors import TrunkError
 from ..model.loads import Loads
-from ..nlp.ipopt import Solve, rank
+from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
@@ -231,7 +231,7 @@ class Plan:
         finer mesh failed at last.
         """
         own = [solve for solve in self.solves if solve.stage == self.mode]
-        tries = [list(same) for _, same in itertools.groupby(own, key=lambda s: s.what)]
+        tries = [list(same) for _, same in itertools.groupby(own, key=lambda s: s.task)]
         failed = [same for same in tries if not any(solve.converged for solve in same)]
         for same in (*failed, *tries[-1:]) if not self.converged else ():
             return min((solve for solve in same if not solve.converged), key=rank, default=None)
