@@ -328,7 +328,7 @@ class ElasticWindow(Window):
         without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
         super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())
         self.elastic = elastic_bounds(motion)
-        add = self._assembly
+        add = self._builder
         most = np.array([bound.most for bound in self.elastic.bounds])
         self.excess = add.variables(most.size, lower=0.0, upper=most)
         unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
