@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 import trunk_ocp as to
-from trunk_ocp.nlp.ipopt import IPOPT, Optimizer, derivative_seconds
+from trunk_ocp.nlp.ipopt import Optimizer, derivative_seconds
+from trunk_ocp.nlp.ipopt_options import DEFAULT_OPTIONS
 from trunk_ocp.nlp.window import Window
 from trunk_ocp.planning.decided_steps import DecidedSteps
 from trunk_ocp.planning.options import Options, first_mesh
@@ -96,7 +97,7 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
     horizon_window(loaded)  # warm, as ours is measured
     window, start, start_seconds = horizon_window(loaded)
     began = time.perf_counter()
-    options: dict[str, Any] = {f"ipopt.{name}": value for name, value in IPOPT.items()} | {
+    options: dict[str, Any] = {f"ipopt.{name}": v for name, v in DEFAULT_OPTIONS.items()} | {
         "ipopt.max_wall_time": budget,
         "print_time": False,
         "record_time": True,
@@ -105,7 +106,7 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
     }
     if way == "ours":
         options |= window.nlp.derivatives()
-    solver = ca.nlpsol("horizon", "ipopt", window.nlp.nlp(), options)
+    solver = ca.nlpsol("horizon", "ipopt", window.nlp.as_casadi(), options)
     setup = time.perf_counter() - began
     result = solver(x0=start, p=window.parameters, **window.bounds)
     return solver_figures(solver.stats(), start_seconds, setup) | {

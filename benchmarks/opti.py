@@ -18,7 +18,7 @@ import trunk_ocp as to
 from trunk_ocp.model.activation import segment_at, segment_fractions, strain_matrix, strains
 from trunk_ocp.model.head import base_pose
 from trunk_ocp.model.quaternions import directors
-from trunk_ocp.nlp.ipopt import IPOPT
+from trunk_ocp.nlp.ipopt_options import DEFAULT_OPTIONS
 from trunk_ocp.nlp.point_functions import scaled_rates
 from trunk_ocp.planning.options import Options, first_mesh
 from trunk_ocp.problem.motion import Step
@@ -185,7 +185,7 @@ def horizon(motion: str, expand: bool, budget: float = 60.0) -> dict[str, Any]:
     began = time.perf_counter()
     problem = Horizon(plan)
     opti = problem.opti
-    opti.solver("ipopt", options, IPOPT | {"max_wall_time": budget})
+    opti.solver("ipopt", options, DEFAULT_OPTIONS | {"max_wall_time": budget})
     opti.solve_limited()
     taken = time.perf_counter() - began
     stats = opti.stats()

@@ -8,7 +8,8 @@ import pytest
 from plans import TOUCH, first_steps, written
 
 from trunk_ocp.analysis.bound_sensitivity import PART, responses
-from trunk_ocp.nlp.ipopt import WARM, Optimizer
+from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.ipopt_options import WARM_OPTIONS
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
@@ -74,7 +75,7 @@ def optimum(plan, motion, first, last):
     before = plan.x[first - 1] if first else np.zeros(plan.x.shape[1])
     window = Window(motion, plan.mesh, steps, before, {}, first, plan.weights)
     start = window.pack(plan.x[first:last], plan.part(first, last))
-    outcome = Optimizer(ipopt=WARM | {"tol": 1e-11}).solve(window, start, "test", "moved")
+    outcome = Optimizer(ipopt=WARM_OPTIONS | {"tol": 1e-11}).solve(window, start, "test", "moved")
     assert outcome.converged
     distances = [
         np.linalg.norm(motion.trunk.length * outcome.full[u.points[g.Z][1]] - g.position)

@@ -13,7 +13,8 @@ from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 from trunk_ocp.analysis.bound_sensitivity import Response
 from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
 from trunk_ocp.cli import commands
-from trunk_ocp.nlp.ipopt import Optimizer, Solve, rank
+from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.outcome import Solve, rank
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import PlanError, Status
@@ -165,7 +166,7 @@ def test_planners_raise_with_the_plan(ends):
 
 
 def test_the_error_begins_with_what_is_worst(ends):
-    with pytest.raises(PlanError, match=r"Step 1: extension of segment \d, made by its muscles"):
+    with pytest.raises(PlanError, match=r"Step 1: extension made by the muscles of segment \d"):
         ends[Status.INFEASIBLE].checked()
 
 

@@ -14,8 +14,8 @@ from matplotlib.mathtext import MathTextParser
 
 from trunk_ocp.codegen import closed_forms as forms
 from trunk_ocp.codegen import formulas
-from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
+from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import radial_integrals, strain_matrix
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk, load_anatomy

@@ -13,10 +13,10 @@ import pytest
 from hostile import HOSTILE
 
 from trunk_ocp.codegen.formats import FORMATS
-from trunk_ocp.codegen.model import build_model
+from trunk_ocp.codegen.jax_torch import check_jax, check_torch, write_jax, write_torch
 from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.request import Request, ToolMissingError
-from trunk_ocp.codegen.wrappers import check_jax, check_torch, write_jax, write_torch
+from trunk_ocp.codegen.shape_model import build_model
 
 DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
 EXACT = 1e-12  # the same numbers by another route

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from trunk_ocp import Loads, load_anatomy, solve_statics
-from trunk_ocp.codegen.cases import check_files
+from trunk_ocp.codegen.check_cases import check_files
 from trunk_ocp.codegen.formats import build_request
 from trunk_ocp.codegen.mex import check_mex, write_mex
 from trunk_ocp.codegen.request import CheckError, ToolMissingError
-from trunk_ocp.codegen.running import build_mex, run, run_octave
+from trunk_ocp.codegen.run_checks import build_mex, run, run_octave
 
 AT = (0.9, 1.75)
 BUILT = ["trunk_shape.c", "trunk.c"]

@@ -14,9 +14,9 @@ from plans import first_steps
 
 from trunk_ocp import Loads, solve_statics
 from trunk_ocp.codegen import nlp_export as nlp
-from trunk_ocp.codegen.model import build_model
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
-from trunk_ocp.codegen.running import build_mex, run_octave
+from trunk_ocp.codegen.run_checks import build_mex, run_octave
+from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
 

@@ -14,7 +14,8 @@ from threadpoolctl import threadpool_info
 import trunk_ocp as to
 from trunk_ocp._support.blas_threads import one_thread
 from trunk_ocp._support.deferred_signals import deferred_interrupts
-from trunk_ocp.nlp.ipopt import Optimizer, Outcome, Solve
+from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.outcome import Outcome, Solve
 from trunk_ocp.planning.decided_steps import DecidedSteps
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planning_run import PlanningRun
@@ -108,7 +109,7 @@ def test_a_deadline_ends_a_replan_for_a_target_out_of_reach(motion, plan):
     assert near.converged
 
 
-def test_a_replan_cut_short_is_its_newest_iterate(motion, plan):
+def test_a_replan_cut_short_is_its_last_iterate(motion, plan):
     """Two iterations nearly reach a target that moved by 2 cm; the old plan is not returned."""
     moved = motion.shifted((0.0, 0.02, 0.0))
     full = to.Replanner(plan)(moved)
@@ -123,21 +124,22 @@ def test_multipliers_belong_to_the_point_that_is_returned(plan):
     """A solve cut short returns the best point it met as a solve would that ended there."""
     motion, count = plan.motion, len(plan.motion.steps)
 
-    def cut(most: int, newest: bool = False) -> tuple[Outcome, Solve]:
+    def cut(most: int, return_last: bool = False) -> tuple[Outcome, Solve]:
         optimizer = Optimizer(max_iterations=most)
         work = PlanningRun(motion, plan.mesh, "horizon", count, Options(), optimizer)
         window = work.window(0, motion.steps, DecidedSteps())
         start = work.packed(window, np.zeros_like(plan.x))
-        return optimizer.solve(window, start, "horizon", "few", newest=newest), optimizer.solves[-1]
+        outcome = optimizer.solve(window, start, "horizon", "few", return_last=return_last)
+        return outcome, optimizer.solves[-1]
 
     for most in range(18, 40):
         best, record = cut(most)
         objectives = np.array([objective for objective, _, _ in record.history])
         at = int(np.argmin(np.abs(objectives - best.objective)))
-        if 0 < at < most:  # the best is neither the start nor the newest
+        if 0 < at < most:  # the best is neither the start nor the last
             break
     assert 0 < at < most
-    ended, _ = cut(at, newest=True)
+    ended, _ = cut(at, return_last=True)
     np.testing.assert_array_equal(best.full, ended.full)
     for name in ("lam_x0", "lam_g0"):
         np.testing.assert_array_equal(best.multipliers[name], ended.multipliers[name])

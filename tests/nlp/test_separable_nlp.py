@@ -27,7 +27,7 @@ def derivatives_of(nlp, x, p, lam_f, lam_g):
 
 def automatic(nlp, x, p, lam_f, lam_g):
     """The same by CasADi's algorithmic differentiation of the whole expression graph."""
-    problem = nlp.nlp()
+    problem = nlp.as_casadi()
     flat = ca.Function("flat", [problem["x"], problem["p"]], [problem["f"], problem["g"]]).expand()
     X, P = ca.SX.sym("x", nlp.size[0]), ca.SX.sym("p", nlp.parameters.size)
     F, G = flat(X, P)

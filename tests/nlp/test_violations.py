@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plans import in_equilibrium, shipped
 
-from trunk_ocp.nlp.violations import MOST, Violation, violations
+from trunk_ocp.nlp.violations import MAX_VIOLATIONS, Violation, violations
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.rod.collocation import gauss, mesh_for
 
@@ -30,7 +30,7 @@ def feasible():
 
 def of(window, full):
     """Values of a window's constraints."""
-    nlp = window.nlp.nlp()
+    nlp = window.nlp.as_casadi()
     g = ca.Function("g", [nlp["x"], nlp["p"]], [nlp["g"]])
     return np.asarray(g(full, window.parameters)).ravel()
 
@@ -63,9 +63,9 @@ def test_an_activation_shows_in_what_its_muscles_make_of_a_segment():
         full[window.unknowns[2].x[muscle]] -= 0.5
 
     found = planted(change)
-    curvature = about(found, "curvature u_1, times L, of segment 2")
-    assert (curvature.step, curvature.Z, curvature.unit) == (3, None, "")
-    assert curvature.value == pytest.approx(0.5 * 1.968056, rel=1e-6)
+    curvature = about(found, "curvature u_1 made by the muscles of segment 2")
+    assert (curvature.step, curvature.Z, curvature.unit) == (3, None, "1/m")
+    assert curvature.value == pytest.approx(0.5 * 1.968056 / L, rel=1e-6)
     assert curvature.lower == curvature.upper == 0.0
     # Of one segment's strains the worst stands for all; others are not named a second time.
     assert not any("segment 2" in v.what for v in found if v is not curvature)
@@ -84,22 +84,23 @@ def test_an_extension_that_muscles_take_out_of_bounds_is_told_with_the_bounds():
     change(window, full)
     g = of(window, full)
     # Take the row of the extension alone, whatever curvature comes with it.
-    others = np.concatenate([b.rows[..., 1:].ravel() for b in window.blocks if b.name == "strain"])
+    strains = [block for block in window.blocks if block.variables is not None]
+    others = np.concatenate([block.rows[..., 1:].ravel() for block in strains])
     g[others - 1] = 0.0
-    (found,) = (v for v in violations(window, full, g) if "made by its muscles" in v.what)
+    (found,) = (v for v in violations(window, full, g) if "made by the muscles" in v.what)
     by_hand = 2 * (0.126081 + 0.032572 + 0.031759 - 0.037277 - 0.031888)  # both sides, unit each
     base = full[window.unknowns[0].x[muscles]]
     sides = np.array([0.126081, 0.032572, 0.031759, -0.037277, -0.031888] * 2)
     assert found.value == pytest.approx(1 + sides @ base - 3 * by_hand, abs=1e-5)
     assert (found.step, found.lower, found.upper) == (2, 0.67, 1.35)
-    assert str(found).startswith("step 2: extension of segment 1, made by its muscles, is 0.")
+    assert str(found).startswith("step 2: extension made by the muscles of segment 1 is 0.")
 
 
 def test_an_extension_within_bounds_is_not_said_to_leave_them():
     def change(window, full):
         full[window.unknowns[0].strain[2, 0]] += 0.1
 
-    found = about(planted(change), "extension of segment 3")
+    found = about(planted(change), "extension made by the muscles of segment 3")
     assert (found.value, found.lower, found.upper) == (pytest.approx(1.1), 1.0, 1.0)
     assert "off by 0.1" in str(found)
 
@@ -198,7 +199,7 @@ def test_each_muscle_that_changes_too_fast_is_named():
     assert second.value == pytest.approx(-0.1)
     head = about(found, "change of psi_Y")
     assert (head.step, head.value, head.unit) == (3, pytest.approx(3.0), "deg")
-    assert "(and less so at 1 other place)" in str(first)
+    assert "(and less at 1 other place)" in str(first)
 
 
 def test_a_target_inside_an_element_is_named_by_its_own_place():
@@ -234,13 +235,13 @@ def test_the_worst_comes_first_and_no_number_before_all():
     full = full.copy()
     full[window.unknowns[0].line[-1]] += 0.1
     g = of(window, full)
-    row = next(block.rows[0] for block in window.blocks if block.name == "mean extension")
+    row = next(block.rows[0] for block in window.blocks if block.meaning.name == "mean extension")
     g[row - 1] = np.nan
     found = violations(window, full, g)
     assert found[0].what == "the mean extension"
     assert found[0].excess == np.inf
     assert [v.excess for v in found] == sorted((v.excess for v in found), reverse=True)
-    assert len(found) <= MOST
+    assert len(found) <= MAX_VIOLATIONS
 
 
 def test_a_bound_and_an_equation_read_differently():

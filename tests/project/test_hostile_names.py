@@ -19,15 +19,13 @@ from programs import needs
 
 import trunk_ocp as to
 from trunk_ocp.cli import commands
-from trunk_ocp.codegen import foreign
+from trunk_ocp.codegen import escaping
 from trunk_ocp.codegen.c import STRICT
 from trunk_ocp.codegen.formats import FORMATS
 from trunk_ocp.codegen.formulas import check_latex
-from trunk_ocp.codegen.model import build_model
-from trunk_ocp.codegen.numpy_module import module_text
-from trunk_ocp.codegen.onnx_model import _nameless
-from trunk_ocp.codegen.own_files import NAMES
+from trunk_ocp.codegen.manifest import NAMES
 from trunk_ocp.codegen.request import Request
+from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import style
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, anatomies_folder
@@ -105,7 +103,7 @@ def test_c_compiles_without_a_warning_whatever_the_name(written, tmp_path):
     for number, name in enumerate(HOSTILE.values()):
         folder = tmp_path / str(number)
         folder.mkdir()
-        for file, text in written("c", name[: foreign.LONGEST]).items():
+        for file, text in written("c", name[: escaping.LONGEST]).items():
             (folder / file).write_text(text, encoding="utf-8")
         sources.append(str(folder / "trunk.c"))
     ended = subprocess.run(
@@ -119,7 +117,7 @@ def test_c_has_the_names_as_they_are(tmp_path):
     """A program prints what the literals hold."""
     needs("cc")
     names = [name.replace("\x00", "") for name in HOSTILE.values() if name.isprintable()]
-    literals = ", ".join(foreign.c_literal(name) for name in names)
+    literals = ", ".join(escaping.c_literal(name) for name in names)
     text = f"#include <stdio.h>\nint main(void)\n{{\n    const char *names[] = {{{literals}}};\n"
     text += f"    for (int i = 0; i < {len(names)}; i++) puts(names[i]);\n    return 0;\n}}\n"
     (tmp_path / "names.c").write_text(text, encoding="ascii")
@@ -144,8 +142,8 @@ def test_a_latex_page_differs_by_the_name_alone(written):
         HOSTILE[key] for key in ("latex", "line ends", "scripts", "template", "long word")
     ):
         text = written("latex", name)["trunk_formulas.tex"]
-        shown = foreign.in_latex(name)
-        wanted = harmless.replace("Rtrunk", foreign.in_latex(f"R{name}"))
+        shown = escaping.in_latex(name)
+        wanted = harmless.replace("Rtrunk", escaping.in_latex(f"R{name}"))
         wanted = wanted.replace("of trunk:", f"of {shown}:").replace("(trunk)", f"({shown})")
         assert text == wanted
         assert text.isascii()
@@ -161,18 +159,11 @@ def test_latex_takes_a_page_with_any_name(named, tmp_path, name):
     assert "compile" in check_latex(tmp_path)
 
 
-def test_what_the_onnx_export_runs_has_no_name_from_a_file(named):
-    def run(name):
-        return module_text(_nameless(Request(build_model(named(name)), "shape", name)))
-
-    assert {run(name) for name in HOSTILE.values()} == {run("trunk")}
-
-
 @settings(deadline=None)
 @texts
 @example(HOSTILE["python"])
 def test_comments_have_no_character_that_means_anything(text):
-    shown = foreign.in_comment(text)
+    shown = escaping.in_comment(text)
     assert len(shown) == len(text)
     assert not re.search(r"[\"\\/*%#<>{}?$@`~^&|!\x00-\x1f\x7f]", shown)
     assert len((shown + "x").splitlines()) == 1
@@ -183,7 +174,7 @@ def test_comments_have_no_character_that_means_anything(text):
 @texts
 @example("\\")
 def test_latex_has_only_characters_and_commands_that_show_text(text):
-    shown = foreign.in_latex(text)
+    shown = escaping.in_latex(text)
     known = r"(?:[\w .,:;=+\-()\[\]'!?/*@]|\\[&%$#_{}]|\\text[a-z]+\{\}|\\allowbreak\{\})*"
     assert re.fullmatch(known, shown, re.ASCII)
 
@@ -191,8 +182,8 @@ def test_latex_has_only_characters_and_commands_that_show_text(text):
 @settings(deadline=None)
 @texts
 def test_literals_say_the_text(text):
-    assert ast.literal_eval(foreign.python_literal(text)) == text
-    literal = foreign.c_literal(text)
+    assert ast.literal_eval(escaping.python_literal(text)) == text
+    literal = escaping.c_literal(text)
     assert re.fullmatch(r'"(?:[\w.,:;=+\-()\[\]]|\\[0-7]{3})*"', literal, re.ASCII)
     octal = re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), literal[1:-1])
     assert octal.encode("latin-1") == text.encode("utf-8", "replace")
@@ -295,4 +286,4 @@ def test_a_title_is_no_formula_to_a_figure(tmp_path, key):
 
 def test_names_are_limited_in_the_file_format():
     fields = AnatomySpec.model_json_schema()
-    assert fields["properties"]["name"]["maxLength"] == foreign.LONGEST
+    assert fields["properties"]["name"]["maxLength"] == escaping.LONGEST

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plans import thin_tipped
 
-from trunk_ocp.codegen.model import build_model
+from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 
-from trunk_ocp.codegen.model import build_model, reference
 from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.request import Request
+from trunk_ocp.codegen.shape_model import build_model, reference
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.model.loads import Loads
 from trust.validation import rods

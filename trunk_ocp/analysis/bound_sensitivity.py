@@ -15,13 +15,15 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from ..nlp.ipopt import WARM, Optimizer, Outcome
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import WARM_OPTIONS
+from ..nlp.outcome import Outcome
 from ..nlp.window import Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, allowed
 
 PART = 0.01  # by which a bound is moved: 1 %; one of 0 by 0.01, or 0.01 rad
-SHARP = WARM | {"tol": 1e-9, "compl_inf_tol": 1e-13}
+SHARP = WARM_OPTIONS | {"tol": 1e-9, "compl_inf_tol": 1e-13}
 """Ends with a barrier so low that multipliers tell which bounds bind."""
 TINY = np.finfo(float).tiny
 SAME = 1e-3
@@ -216,11 +218,11 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
                 bound = motion.extension[side > 0]
                 add(f"extension of segment {segment + 1}", side, step, place, bound, 1.0, False)
     for block in window.blocks:
-        if block.name != "change" or block.step is None:
+        if block.controls is None:
             continue
         change = window.steps[block.step - window.offset].change
         for component, row in enumerate((block.rows - 1).tolist()):
-            i, side = int(change.limited[component]), int(at_g[row])
+            i, side = block.component(component), int(at_g[row])
             if side:
                 name = names[i] if i < count else f"head psi_{'ZY'[i - count]}"
                 bound = float((change.lower if side < 0 else change.upper)[i])

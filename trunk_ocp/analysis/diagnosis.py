@@ -20,7 +20,7 @@ from .._support.blas_threads import one_thread
 from .._support.wording import rounded
 from ..model.activation import strains
 from ..model.anatomy import Trunk
-from ..nlp.ipopt import Solve
+from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
 from ..planning.plan import Plan, Status
 from ..planning.storage import finite

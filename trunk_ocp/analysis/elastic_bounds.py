@@ -18,8 +18,10 @@ import scipy.sparse as sp
 from scipy.optimize import linprog
 
 from ..model.activation import strain_matrix
-from ..nlp.ipopt import IPOPT, Optimizer
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import DEFAULT_OPTIONS
 from ..nlp.point_functions import weighted
+from ..nlp.quantities import scalar
 from ..nlp.window import Weights, Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, Motion
@@ -28,10 +30,10 @@ from ..rod.collocation import Mesh
 
 PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
 ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
-CHANGE = "change of activation of "  # in the name of a bound
 SMALLEST = 1e-3  # share of the range, below which an excess is the optimizer's inaccuracy
 EXACT = 1e-6  # the same for the linear program
 ITERATIONS = 200
+OPTIONS = DEFAULT_OPTIONS | {"mu_init": 1e-2}
 LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
 
 # No advice goes beyond what a body can do, unless the file itself does.
@@ -52,6 +54,7 @@ class Bound:
     `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
     has this value: it gives by the same amount at all of them. `most` is the largest excess that
     makes sense, in the unknown's own unit: no muscle can push, no head turns right round.
+    `muscle` is the one whose change between steps it limits, if it does.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Bound:
     scale: float
     steps: tuple[int, ...]
     most: float
+    muscle: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,10 +89,10 @@ def in_words(excesses: Sequence[Excess], motion: Motion) -> tuple[str, ...]:
     told: dict[object, Excess] = {}
     for excess in excesses:
         bound = excess.bound
-        key = (bound.steps, abs(bound.value)) if CHANGE in bound.name else bound.name, bound.steps
+        key = (bound.steps, abs(bound.value)) if bound.muscle else bound.name, bound.steps
         told[key] = max(told.get(key, excess), excess, key=lambda one: one.amount)
     return tuple(
-        _of_change(excess, motion) if CHANGE in excess.bound.name else str(excess)
+        _of_change(excess, motion) if excess.bound.muscle else str(excess)
         for excess in told.values()
     )
 
@@ -99,10 +103,9 @@ def _of_change(excess: Excess, motion: Motion) -> str:
     phases = sorted({motion.steps[step - 1].phase + 1 for step in bound.steps})
     where = ", ".join(f"phases[{phase}]" for phase in phases)
     to = outwards(abs(bound.value) + ROOM * excess.amount, 1)
-    muscle = bound.name.rpartition(" ")[2]
     return (
         f"change.activation of {where} ({said(bound.steps)}): from {abs(bound.value):.4g} to "
-        f"{to:.4g}, for {muscle}"
+        f"{to:.4g}, for {bound.muscle}"
     )
 
 
@@ -161,7 +164,7 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     optimum, like every plan. None if no such motion was found within what is `PHYSICAL`.
     """
     window = ElasticWindow(plan.motion, plan.mesh)
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
     start = window.pack(plan.x, plan.shape)
     outcome = optimizer.solve(window, start, "relaxation", "what would have to give")
     if not outcome.converged:
@@ -186,7 +189,7 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
         replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
         plan.weights,
     )  # fmt: skip
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), IPOPT | {"mu_init": 1e-2})
+    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
     start = window.pack(plan.x, plan.shape)
     outcome = optimizer.solve(window, start, "relaxation", "how near the targets are")
     return window.worst_error(outcome.full) if outcome.converged else None
@@ -249,7 +252,8 @@ def elastic_bounds(motion: Motion) -> Elastic:
     most = np.array([step.change.upper for step in motion.steps])
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         scale = 0.2 if unit else 0.5
-        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, least[:, i], most[:, i])
+        ends, muscle = (least[:, i], most[:, i]), (*trunk.muscles, "", "")[i]
+        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, *ends, muscle=muscle)
     return rows.elastic()
 
 
@@ -271,6 +275,7 @@ class _Rows:
         upper: np.ndarray,
         offset: float = 0.0,
         within: tuple[float, float] = (-np.inf, np.inf),
+        muscle: str = "",
     ) -> None:
         """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told.
 
@@ -284,7 +289,7 @@ class _Rows:
                 steps = tuple((same + 1).tolist())
                 most = max(0.0, sign * (limit - value))
                 told = per * value + offset
-                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most)
+                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most, muscle)
                 self.parts.append((matrix[same], sign, values[same]))
                 self.bounds.append(bound)
 
@@ -323,18 +328,18 @@ class ElasticWindow(Window):
         without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
         super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())
         self.elastic = elastic_bounds(motion)
-        add = self._assembly
+        add = self._builder
         most = np.array([bound.most for bound in self.elastic.bounds])
         self.excess = add.variables(most.size, lower=0.0, upper=most)
         unknowns = np.concatenate([*(u.x for u in self.unknowns), self.excess])
         C = self.elastic.matrix
-        rows = add.rows(
-            "elastic bound", C.shape[0], lower=self.elastic.lower, upper=self.elastic.upper
-        )
-        add.linear(rows[C.row], unknowns[C.col], C.data)
+        lower, upper = self.elastic.lower[:, None], self.elastic.upper[:, None]
+        rows = add.rows(scalar("elastic bound"), C.shape[0], 1, lower=lower, upper=upper)
+        add.linear(rows[C.row, 0], unknowns[C.col], C.data)
         for goal in self.goals():
             if goal.weight > 0:
-                row = add.rows("target", 1, lower=-np.inf, upper=1.0)  # in units of tolerance
+                # In units of the tolerance.
+                row = add.rows(scalar("target"), 1, lower=-np.inf, upper=1.0)
                 parameters = np.append(goal.parameters, goal.tolerance**-2)
                 add.term(goal.function, goal.variables[:, None], parameters[:, None], 0, 0, row)
         price = np.array([[PRICE / bound.scale for bound in self.elastic.bounds]])

@@ -10,9 +10,9 @@ import click
 from rich.console import Console
 
 from ..codegen.formats import FORMATS, check_export, export
-from ..codegen.model import FEWEST
 from ..codegen.request import CheckError
-from ..codegen.subjects import load_subject
+from ..codegen.shape_model import FEWEST
+from ..codegen.subject import load_subject
 from .common import clean_errors
 from .option_types import Number
 from .stdout import standard_output
@@ -57,7 +57,6 @@ def _points(
     "--elements", type=Number("elements"), default=FEWEST, metavar="N", help="At least N elements."
 )
 @click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
-@click.option("--single", is_flag=True, help="Single precision (ONNX).")
 @click.option("--check", is_flag=True, help="Run the export in its own environment on test cases.")
 def export_model(
     subject: str,
@@ -69,7 +68,6 @@ def export_model(
     contact_from: float | None,
     elements: int,
     muscle: str | None,
-    single: bool,
     check: bool,
 ) -> None:
     """Write the map from activations, head and loads to shape for another program.
@@ -91,19 +89,12 @@ def export_model(
                 what,
                 at,
                 second=second,
-                single=single,
                 muscle=muscle,
                 contact_from=contact_from,
                 elements=elements,
             )
         for path in files:
             console.print(str(path), markup=False, soft_wrap=True)
-        if not FORMATS[to].loaded and not FORMATS[to].formulas:
-            console.print(
-                f"{to} carries unloaded shapes only: it has no operator that solves equations. For "
-                "loaded ones: --to c, casadi, mex, numpy, jax or torch.",
-                soft_wrap=True,
-            )
         if check:
             _check(console, folder, to, what)
 

@@ -18,7 +18,7 @@ from ..analysis.diagnosis import explain, save_diagnosis
 from ..analysis.measures import compare
 from ..errors import InputError
 from ..model.anatomy import load_anatomy
-from ..nlp.ipopt import check_linear_solver
+from ..nlp.ipopt_options import check_linear_solver
 from ..planning.checkpoint import FILE, Checkpoint
 from ..planning.options import Options, mode_of
 from ..planning.plan import Plan, Status

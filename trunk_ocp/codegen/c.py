@@ -18,12 +18,12 @@ import numpy as np
 from ..errors import TrunkError
 from ..model.activation import stiffness
 from ..model.quaternions import directors, product
-from .foreign import c_literal
-from .model import DEGREE, Model
+from .escaping import c_literal
+from .headers import header, template
 from .request import Request
-from .running import in_a_copy, run, tool
-from .space_rod import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
-from .texts import header, template
+from .rod_space_axes import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
+from .run_checks import in_a_copy, run, tool
+from .shape_model import DEGREE, Model
 
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 

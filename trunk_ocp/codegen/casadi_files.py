@@ -8,9 +8,9 @@ from pathlib import Path
 import casadi as ca
 
 from . import casadi_function
+from .headers import header, template
 from .numpy_module import CHECK, check_text, run_check
 from .request import Request
-from .texts import header, template
 
 
 def functions(request: Request) -> dict[str, ca.Function]:

@@ -15,8 +15,8 @@ import numpy as np
 from ..model.quaternions import directors, product
 from ..rod.collocation import gauss
 from ..rod.statics import MAX_DEFECT
-from .model import OUTPUTS, Model
-from .space_rod import base, rates, report, spiral, turn
+from .rod_space_axes import base, rates, report, spiral, turn
+from .shape_model import OUTPUTS, Model
 
 TOO_COARSE = (
     "The shape bends too sharply for this mesh: reduce the load, or export with --elements."

@@ -1,4 +1,4 @@
-"""The formats of `trunk-ocp export`: what each carries, who writes it, who checks it."""
+"""Formats of `trunk-ocp export`: what each supports, and the functions that write and check it."""
 
 from __future__ import annotations
 
@@ -7,85 +7,85 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from .._support.atomic_files import alone
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, check_contact
 from ..problem.motion import Motion
-from .cases import check_files, resolved
-from .model import FEWEST, build_model
-from .own_files import Files, write_files
+from .check_cases import check_files, resolved
+from .manifest import Files, write_files
 from .request import Request
+from .shape_model import FEWEST, build_model
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format.
+    """An export format.
 
     Attributes
     ----------
+    name : str
+        As in `--to`; the format's functions are `write_NAME(request)` and `check_NAME(folder)`.
     about : str
-        What it is, for help texts and messages.
-    module, name : str
-        Where `write_NAME(request)` and `check_NAME(folder)` are: imported when they are needed,
-        as some need packages of their own.
-    carries : tuple of str
-        What it can be asked for.
-    loaded : bool
-        Whether it carries loaded shapes, which take an iteration.
+        Description for help texts and messages.
+    module : str
+        Module of these functions, imported on first use because some need optional packages.
+    supports : tuple of str
+        Values of `--what` that the format supports.
     formulas : bool
-        Whether it is about one muscle, to be read.
+        Whether the export is formulas of one muscle, for reading.
     """
 
+    name: str
     about: str
     module: str
-    name: str
-    carries: tuple[str, ...] = ("shape", "jacobian")
-    loaded: bool = True
+    supports: tuple[str, ...] = ("shape", "jacobian")
     formulas: bool = False
 
     def write(self, request: Request) -> Files:
-        """The files of an export, without its check files."""
-        part = "nlp_export" if request.what == "constraints" else self.module
-        name = f"nlp_{self.name}" if request.what == "constraints" else self.name
-        files: Files = getattr(import_module(f".{part}", __package__), f"write_{name}")(request)
+        """Files of an export, without its check files."""
+        files: Files = self._function("write", request.what)(request)
         return files
 
     def check(self, folder: Path, what: str) -> str:
-        """What the check of an export in its own environment prints.
+        """Run the check of an export in its own environment; returns its output.
 
         Raises
         ------
-        CheckError, ToolMissingError
-            If they disagree; if a tool is missing.
+        CheckError
+            If a number disagrees.
+        ToolMissingError
+            If a tool is missing.
         """
-        part = "nlp_export" if what == "constraints" else self.module
-        name = f"nlp_{self.name}" if what == "constraints" else self.name
-        check: Callable[[Path], str] = getattr(
-            import_module(f".{part}", __package__), f"check_{name}"
-        )
-        return check(folder)
+        return str(self._function("check", what)(folder))
+
+    def _function(self, verb: str, what: str) -> Callable[..., Any]:
+        """Function that writes or checks; exports of constraints have their own."""
+        module, name = self.module, f"{verb}_{self.name}"
+        if what == "constraints":
+            module, name = "nlp_export", f"{verb}_nlp_{self.name}"
+        function: Callable[..., Any] = getattr(import_module(f".{module}", __package__), name)
+        return function
 
 
 ALL = ("shape", "jacobian", "constraints")
+DERIVATIVES = ("jacobian",)
 FORMATS = {
-    "c": Format("C99 source without dependencies", "c", "c", ALL),
-    "casadi": Format("CasADi function files", "casadi_files", "casadi", ALL),
-    "mex": Format("MATLAB or Octave MEX source", "mex", "mex", ALL),
-    "numpy": Format("Python module that needs NumPy only", "numpy_module", "numpy"),
-    "jax": Format("JAX functions with derivatives", "wrappers", "jax", ("jacobian",)),
-    "torch": Format("PyTorch functions with derivatives", "wrappers", "torch", ("jacobian",)),
-    "onnx": Format("ONNX model of unloaded shapes", "onnx_model", "onnx", loaded=False),
-    "sympy": Format(
-        "formulas of one muscle in SymPy", "formulas", "sympy", ("jacobian",), False, True
-    ),
-    "latex": Format(
-        "formulas of one muscle in LaTeX", "formulas", "latex", ("jacobian",), False, True
-    ),
+    form.name: form
+    for form in (
+        Format("c", "C99 source without dependencies", "c", ALL),
+        Format("casadi", "CasADi function files", "casadi_files", ALL),
+        Format("mex", "MATLAB or Octave MEX source", "mex", ALL),
+        Format("numpy", "Python module that needs only NumPy", "numpy_module"),
+        Format("jax", "JAX functions with derivatives", "jax_torch", DERIVATIVES),
+        Format("torch", "PyTorch functions with derivatives", "jax_torch", DERIVATIVES),
+        Format("sympy", "formulas of one muscle in SymPy", "formulas", DERIVATIVES, True),
+        Format("latex", "formulas of one muscle in LaTeX", "formulas", DERIVATIVES, True),
+    )
 }
-
-_LOADED = tuple(name for name, form in FORMATS.items() if form.loaded)
+_SHAPES = tuple(name for name, form in FORMATS.items() if not form.formulas)
 
 
 def export(
@@ -96,67 +96,65 @@ def export(
     at: Sequence[float] = (),
     *,
     second: bool = False,
-    single: bool = False,
     muscle: str | None = None,
     contact_from: float | None = None,
     elements: int = FEWEST,
 ) -> list[Path]:
-    """Write the map from activations, head angles and loads to shape for another program.
+    """Export the map from activations, head angles and loads to shape for another program.
 
     Parameters
     ----------
     subject : Motion or Trunk
-        Of a motion its trunk, gravity and contact region are taken.
+        A motion supplies its trunk, gravity and contact region.
     to : str
         Format: a key of `FORMATS`.
     out : path
-        Folder for the files; made if need be.
+        Folder for the files; created if it does not exist.
     what : "shape", "jacobian" or "constraints"
-        Shapes; shapes and first derivatives; the motion NLP's own functions.
+        Shapes; shapes and first derivatives; the functions of the motion's NLP.
     at : sequence of float
         Points Z in m. Default: the tip.
     second : bool
         Whether to add the derivative of the Jacobian along a direction.
-    single : bool
-        Single precision; for ONNX.
     muscle : str, optional
-        The muscle that formulas are for.
+        Name of the muscle, for formulas.
     contact_from : float, optional
-        Z in m from which the trunk may touch something, so that contact force and couple are
-        inputs. Default: the motion's.
+        Z in m where the contact region starts; contact force and couple become inputs. Default:
+        the motion's.
     elements : int
-        Least number of collocation elements; there are more if the check cases need them.
+        Minimum number of collocation elements; more are used if the check cases need them.
 
     Returns
     -------
     list of Path
-        The files written, the check files among them.
+        The files written, including the check files.
 
     Raises
     ------
     InputError
-        For a format, points or options that do not go together, or a file in the way.
+        If the format, points or options are invalid or do not fit together, or a file that no
+        export wrote would be overwritten.
     ToolMissingError
         If a package that writes the format is not installed.
     """
-    request = build_request(subject, to, what, at, second, single, muscle, contact_from, elements)
+    request = build_request(subject, to, what, at, second, muscle, contact_from, elements)
     files = FORMATS[to].write(request)
-    if what != "constraints" and not FORMATS[to].formulas:
-        files |= check_files(request, FORMATS[to].loaded)
+    if what != "constraints" and to in _SHAPES:
+        files |= check_files(request)
     folder = Path(out)
     with alone(folder):
         return write_files(folder, files, {"format": to, "what": what})
 
 
 def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:
-    """Run an export in its own environment against its check files; what that prints.
+    """Run an export in its own environment on its check files; returns the output.
 
     Raises
     ------
     CheckError
         If a number disagrees, or the export does not run.
     ToolMissingError
-        If a program or package that this needs is not installed; says how to install it.
+        If a required program or package is not installed; the message says how to install it.
     """
     return FORMATS[to].check(Path(folder), what)
 
@@ -167,61 +165,58 @@ def build_request(
     what: str,
     at: Sequence[float],
     second: bool,
-    single: bool,
     muscle: str | None,
     contact_from: float | None,
     elements: int = FEWEST,
 ) -> Request:
-    """Checked arguments of `export`."""
+    """Request with the validated arguments of `export`."""
     if to not in FORMATS:
         close = difflib.get_close_matches(to, FORMATS, 1)
         hint = f" Did you mean {close[0]}?" if close else ""
         raise InputError(f"--to {to}: expected one of {', '.join(FORMATS)}.{hint}")
     motion = subject if isinstance(subject, Motion) else None
-    _check_together(to, what, at, second, single, muscle, motion)
+    _check_options(to, what, at, second, muscle, motion)
     trunk = subject.trunk if isinstance(subject, Motion) else subject
     gravity = motion.gravity if motion else Loads().gravity
     contact = contact_from if contact_from is not None or not motion else motion.contact_from
     if contact is not None:
         check_contact(trunk, contact)
     model = build_model(trunk, at, Loads(gravity, contact_from=contact), elements)
-    if FORMATS[to].loaded and what != "constraints":
+    if what != "constraints" and to in _SHAPES:
         model = resolved(model)
     name = motion.name if motion else trunk.name
-    return Request(model, what, name, second, single, muscle, motion)
+    return Request(model, what, name, second, muscle, motion)
 
 
-def _check_together(
+def _check_options(
     to: str,
     what: str,
     at: Sequence[float],
     second: bool,
-    single: bool,
     muscle: str | None,
     motion: Motion | None,
 ) -> None:
-    """Raise InputError for options that mean nothing together."""
+    """Raise InputError for options that do not fit together."""
     form = FORMATS[to]
-    if what not in form.carries:
-        able = [name for name, each in FORMATS.items() if what in each.carries]
+    if what not in form.supports:
+        others = [name for name, other in FORMATS.items() if what in other.supports]
         raise InputError(
-            f"--what {what}: {to} ({form.about}) does not carry it; expected "
-            f"--what {' or '.join(form.carries)}, or --to {', '.join(able) or 'another format'}."
+            f"--what {what}: {to} ({form.about}) does not support it; expected "
+            f"--what {' or '.join(form.supports)}, or --to {', '.join(others) or 'another format'}."
         )
-    constrained = what == "constraints"
+    constraints = what == "constraints"
     faults = [
-        (constrained and motion is None, "--what constraints: expected a problem, not an anatomy"),
-        (constrained and len(at) > 0, "--at: not for --what constraints, which has its own points"),
+        (constraints and motion is None, "--what constraints: expected a problem, not an anatomy"),
         (
-            second and not (what == "jacobian" and form.loaded),
-            f"--second: expected with --what jacobian and --to {', '.join(_LOADED)}",
+            constraints and len(at) > 0,
+            "--at: not for --what constraints, whose points are those of its targets",
         ),
         (
-            single and to != "onnx",
-            "--single: for --to onnx; the others follow their input",
+            second and not (what == "jacobian" and to in _SHAPES),
+            f"--second: expected with --what jacobian and --to {', '.join(_SHAPES)}",
         ),
         (muscle is not None and not form.formulas, "--muscle: expected with --to sympy or latex"),
     ]
-    for there, fault in faults:
-        if there:
+    for applies, fault in faults:
+        if applies:
             raise InputError(f"{fault}.")

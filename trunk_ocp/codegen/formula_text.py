@@ -13,9 +13,9 @@ from importlib.metadata import version
 
 from ..model.anatomy import Muscle, Trunk
 from . import closed_forms as forms
-from .foreign import in_latex, python_literal
+from .escaping import in_latex, python_literal
+from .headers import template
 from .notation import SCALARS, Formula, tex
-from .texts import template
 
 LONG = 260
 """Characters of LaTeX in one row; a longer sum is broken."""

@@ -21,9 +21,9 @@ from ..model.activation import radial_integrals, strain_matrix, strains
 from ..model.anatomy import Muscle, Trunk
 from ..model.quaternions import directors
 from ..rod.unloaded import unloaded_states
+from .headers import template
 from .request import CheckError, Request, ToolMissingError
-from .running import in_a_copy, run
-from .texts import template
+from .run_checks import in_a_copy, run
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from .c import write_c
+from .headers import commented, header, template
 from .request import Request
-from .running import build_mex, in_a_copy, run_octave
-from .texts import commented, header, template
+from .run_checks import build_mex, in_a_copy, run_octave
 
 
 def write_mex(request: Request) -> dict[str, str | bytes]:

@@ -33,11 +33,11 @@ from ..nlp.window import Window
 from ..planning.decided_steps import DecidedSteps
 from ..planning.options import Options, first_mesh
 from ..planning.planning_run import PlanningRun
-from .foreign import in_comment
+from .escaping import in_comment
+from .headers import template
 from .nlp_export_layout import layout
 from .request import Request
-from .running import build_mex, in_a_copy, run, run_octave, tool
-from .texts import template
+from .run_checks import build_mex, in_a_copy, run, run_octave, tool
 
 CHECK = "nlp_check.csv"
 ROOM = 0.05
@@ -58,7 +58,7 @@ class Exported:
         nlp = self.window.nlp
         x, p = ca.MX.sym("x", nlp.size[0]), ca.MX.sym("p", self.window.parameters.size)
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", nlp.size[1])
-        at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.nlp(), ["x", "p"]
+        at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.as_casadi(), ["x", "p"]
         both = ca.Function("both", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
         f, g = both.call(at, True, False)
         made = [

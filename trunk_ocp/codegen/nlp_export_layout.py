@@ -7,7 +7,7 @@ components, each with the factor that brings it to SI units.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from ..nlp.nlp_builder import Block
 from ..nlp.point_functions import squared_direction, squared_held_direction
+from ..nlp.quantities import AXES, quantities
 from ..nlp.separable_nlp import SeparableNLP
 from ..nlp.window import Window
 
@@ -27,8 +28,6 @@ ABOUT = (
     "argument p of the functions is a change of the parameters, 0 if left out; their own values, "
     "in SI units unless said otherwise, are in parameters.csv."
 )
-AXES = ("X", "Y", "Z")
-Component = tuple[str, str, float]  # name, unit, scale
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,6 @@ class Range:
 def layout(window: Window, name: str) -> dict[str, Any]:
     """Layout of a window's NLP, as JSON has it."""
     variables, rows = window.nlp.size
-    kinds = components(window)
     return {
         "about": ABOUT,
         "motion": name,
@@ -68,8 +66,9 @@ def layout(window: Window, name: str) -> dict[str, Any]:
         },
         "sizes": {"x": variables, "g": rows, "p": window.parameters.size},
         "components": {
-            kind: [{"name": name, "unit": unit, "scale": scale} for name, unit, scale in parts]
-            for kind, parts in kinds.items()
+            name: [asdict(component) for component in quantity.components]
+            for name, quantity in quantities(window.motion.trunk).items()
+            if name != "controls"
         },
         "Z": {
             "element edges": list(window.mesh.edges),
@@ -79,25 +78,6 @@ def layout(window: Window, name: str) -> dict[str, Any]:
         "x": [part.entry() for part in unknown_ranges(window)],
         "g": [part.entry() for part in row_ranges(window)],
         "p": list(_parameters(window)),
-    }
-
-
-def components(window: Window) -> dict[str, list[Component]]:
-    """Components that ranges refer to, with units and scales."""
-    L, moment, force = window.length, window.moment, window.force
-    q = [(f"q{i}", "1", 1.0) for i in range(4)]
-    r = [(axis, "m", L) for axis in AXES]
-    return {
-        "activations": [(name, "1", 1.0) for name in window.motion.trunk.muscles],
-        "head angles": [("psi_Z", "rad", 1.0), ("psi_Y", "rad", 1.0)],
-        "strains": [("zeta_hat", "1", 1.0), *((f"c{i}", "1/m", 1 / L) for i in (1, 2, 3))],
-        "extension": [("mean zeta_hat", "1", 1.0)],
-        "force": [(axis, "N", force) for axis in AXES],
-        "state": [*q, *((f"m{i}", "N m", moment) for i in (1, 2, 3))],
-        "orientation": q,
-        "position": r,
-        "pose": [*r, *q],
-        "direction": [(axis, "1", 1.0) for axis in AXES],
     }
 
 
@@ -133,41 +113,22 @@ def unknown_ranges(window: Window) -> list[Range]:
     return sorted(parts, key=lambda part: part.first)
 
 
-ROWS = {
-    "strain": "strains",
-    "mean extension": "extension",
-    "base": "pose",
-    "rod": "state",
-    "continuity": "state",
-    "centerline": "position",
-    "frame at a target": "orientation",
-    "position at a target": "position",
-    "held direction": "direction",
-    "pull": "force",
-}
-"""Components of each block of constraints but bounds on change, which name theirs."""
-
-
 def row_ranges(window: Window) -> list[Range]:
     """Every constraint row, once, in order."""
-    return sorted((_row_range(window, b) for b in window.blocks), key=lambda part: part.first)
+    return sorted((_row_range(b) for b in window.blocks), key=lambda part: part.first)
 
 
-def _row_range(window: Window, block: Block) -> Range:
-    step = window.offset if block.step is None else block.step
-    kind: str | tuple[str, ...]
-    if block.name == "change":
-        names = [*window.motion.trunk.muscles, "psi_Z", "psi_Y"]
-        limited = window.steps[step - window.offset].change.limited
-        kind = tuple(names[i] for i in limited)
-    else:
-        kind = ROWS[block.name]
+def _row_range(block: Block) -> Range:
+    quantity = block.meaning.quantity
+    named: str | tuple[str, ...] = quantity.name
+    if block.controls is not None:
+        named = tuple(quantity.components[i].name for i in block.controls)
     Z: str | float | None = None
     if block.Z is not None:
         Z = {0: None, 1: "ends of elements", 2: "Gauss points"}[block.Z.ndim] or float(block.Z)
     count = int(np.prod(block.rows.shape[:-1]))
     shape = (count,) if block.rows.ndim > 1 else ()
-    return Range(block.name, step + 1, int(block.rows.min()) - 1, kind, shape, Z)
+    return Range(block.meaning.name, block.step + 1, int(block.rows.min()) - 1, named, shape, Z)
 
 
 GOAL = ["X", "Y", "Z", "weight"]
@@ -222,14 +183,14 @@ def _director(function: Any) -> int | None:
 
 def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Time step of each unknown, from 1, and its Z; NaN where it has none."""
-    count, kinds = window.nlp.size[0], components(window)
+    count, kinds = window.nlp.size[0], quantities(window.motion.trunk)
     step, Z = np.zeros(count, int), np.full(count, np.nan)
     lists = {
         "element edges": np.array(window.mesh.edges),
         "Gauss points": window.mesh.points.ravel(),
     }
     for part in unknown_ranges(window):
-        width = len(kinds[str(part.components)])
+        width = len(kinds[str(part.components)].components)
         where = slice(part.first, part.first + width * int(np.prod(part.shape)))
         step[where] = part.step
         if part.Z is not None:
@@ -241,7 +202,7 @@ def _steps(nlp: SeparableNLP, window: Window, step: np.ndarray) -> Iterator[np.n
     """Time step of each place of each term: the last one that it, or its rows, belong to."""
     of_row = np.zeros(1 + nlp.size[1], int)  # row 0 is the objective
     for block in window.blocks:
-        of_row[block.rows] = 1 + (window.offset if block.step is None else block.step)
+        of_row[block.rows] = 1 + block.step
     for term in nlp.terms:
         scatter = term.scatter.tocoo()
         own = step[term.variables].max(axis=0)

@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 from .._support.casadi_to_python import python_source
-from . import space_rod
-from .foreign import python_literal
-from .model import OUTPUTS, Model
+from . import rod_space_axes as kernels
+from .escaping import python_literal
+from .headers import header, template
 from .request import Request
-from .running import in_a_copy, run
-from .texts import header, template
+from .run_checks import in_a_copy, run
+from .shape_model import OUTPUTS, Model
 
 NAME = "trunk_numpy.py"
 CHECK = "check.py"
@@ -72,10 +72,14 @@ def _own(text: str) -> str:
 
 
 def _kernels(request: Request) -> list[ca.Function]:
-    moving = [space_rod.base(request.model.trunk.head), space_rod.rates(), space_rod.report()]
-    closed = [space_rod.turn(), space_rod.spiral()]
-    second = [space_rod.second_along(kernel) for kernel in moving] if request.second else []
-    return [*(space_rod.with_slopes(kernel) for kernel in moving + closed), *second]
+    moving = [
+        kernels.base(request.model.trunk.head),
+        kernels.rates(),
+        kernels.report(),
+    ]
+    closed = [kernels.turn(), kernels.spiral()]
+    second = [kernels.second_along(kernel) for kernel in moving] if request.second else []
+    return [*(kernels.with_slopes(kernel) for kernel in moving + closed), *second]
 
 
 def _kernel_text(kernel: ca.Function) -> str:

@@ -1,4 +1,4 @@
-"""What a user asks to be exported, and what can go wrong when an export is checked."""
+"""An export request, and the errors of checking an export."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import TrunkError
 from ..problem.motion import Motion
-from .model import Model
+from .shape_model import Model
 
 
 @dataclass(frozen=True)
@@ -16,29 +16,26 @@ class Request:
     Attributes
     ----------
     what : "shape", "jacobian" (the shape and its first derivatives) or "constraints"
-        The last is the motion NLP's own functions, and needs a motion.
-    second : bool
-        Whether a Jacobian comes with its derivative along a direction.
-    single : bool
-        Single precision, where a format has a choice.
-    muscle : str or None
-        The muscle that formulas are for.
+        The last means the functions of the motion's NLP, and needs a motion.
     name : str
         Name of the anatomy or problem.
+    second : bool
+        Whether a Jacobian comes with its derivative along a direction.
+    muscle : str or None
+        Name of the muscle, for formulas.
     """
 
     model: Model
     what: str
     name: str
     second: bool = False
-    single: bool = False
     muscle: str | None = None
     motion: Motion | None = None
 
 
 class ToolMissingError(TrunkError):
-    """A program that an export needs is not installed; the message says how to get it."""
+    """A program that an export needs is not installed; the message says how to install it."""
 
 
 class CheckError(TrunkError):
-    """An export does not give the numbers of its check file; the message is what its check said."""
+    """An export does not reproduce its check file; the message is the output of its check."""

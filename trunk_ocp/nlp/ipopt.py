@@ -1,14 +1,11 @@
-"""Ipopt on the NLP of a window, with our derivatives, progress and a way to stop."""
+"""Ipopt on the NLP of a window, with our own derivatives, progress reports and early stops."""
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
 import time
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -16,147 +13,52 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._support.deferred_signals import deferred_interrupts
-from ..errors import SolverMissingError
 from ..reporting import Progress, Reporter
-from .violations import Violation, violations
+from .ipopt_options import DEFAULT_OPTIONS, check_linear_solver
+from .outcome import (
+    CONVERGED_STATUSES,
+    DEADLINE_PASSED,
+    START_KEPT,
+    USER_STOPPED,
+    Derivatives,
+    Outcome,
+    Point,
+    Solve,
+    max_violation,
+    point_of,
+    rank,
+)
+from .violations import violations
 from .window import Window
-
-# One set for all motions, chosen by measurement on the three shipped ones. Most solves start
-# from a good guess; a small first barrier and little push away from bounds stay near it, where
-# Ipopt's defaults (0.1, 0.01) leave it and may end in a worse optimum.
-IPOPT: dict[str, Any] = {
-    "mu_init": 1e-6,
-    "bound_push": 1e-5,
-    "bound_frac": 1e-5,
-    "mumps_pivot_order": 0,
-    "mumps_scaling": 0,
-    "print_level": 0,
-    "sb": "yes",
-}
-# A re-plan starts at an optimum, multipliers included, of nearly the same problem: stay there.
-WARM: dict[str, Any] = IPOPT | {
-    "mu_init": 1e-8,
-    "tol": 1e-6,
-    "warm_start_init_point": "yes",
-    "warm_start_bound_push": 1e-9,
-    "warm_start_bound_frac": 1e-9,
-    "warm_start_slack_bound_push": 1e-9,
-    "warm_start_slack_bound_frac": 1e-9,
-    "warm_start_mult_bound_push": 1e-9,
-}
-# A plan that another solve only starts from; feasible all the same, to be worth comparing.
-ROUGH: dict[str, Any] = IPOPT | {"tol": 1e-5, "constr_viol_tol": 1e-7}
-CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-QUIET: dict[str, Any] = {"ipopt.sb": "yes", "print_time": False}
-KEPT = "Start_Kept"
-STOPPED = "User_Requested_Stop"
-LATE = "Deadline_Passed"
-FEASIBLE = 1e-6
-"""Largest constraint violation, in the transcription's units, of a usable point."""
-PENALTY = 100.0
-"""What violating a constraint by 1, in the transcription's units, counts in the objective."""
-
-
-@dataclass(frozen=True)
-class Solve:
-    """Record of one solve, for whoever asks how it went.
-
-    Attributes
-    ----------
-    stage, detail : str
-        As in `Progress`.
-    first, last : int
-        Time steps solved for, from 1.
-    message : str
-        Ipopt's return status, or `LATE`.
-    objective, infeasibility : float
-        Of the point that was returned; see `Optimizer.solve`.
-    history : tuple of (objective, primal infeasibility, dual infeasibility)
-        One entry for each iteration, the start included.
-    violations : tuple of Violation
-        What does not hold at the returned point; empty if the solve converged.
-    """
-
-    stage: str
-    detail: str
-    first: int
-    last: int
-    message: str
-    objective: float
-    infeasibility: float
-    history: tuple[tuple[float, float, float], ...]
-    violations: tuple[Violation, ...] = ()
-
-    @property
-    def what(self) -> str:
-        """What was solved, wherever it started from."""
-        return self.detail.partition(", from the ")[0]
-
-    @property
-    def iterations(self) -> int:
-        """Number of iterations."""
-        return max(len(self.history) - 1, 0)
-
-    @property
-    def converged(self) -> bool:
-        """Whether Ipopt found a local optimum."""
-        return self.message in CONVERGED
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one solve of a window ended with; the multipliers are those at `full`."""
-
-    full: np.ndarray
-    objective: float
-    infeasibility: float
-    iterations: int
-    message: str
-    multipliers: dict[str, ca.DM] = field(default_factory=dict, repr=False)
-
-    @property
-    def converged(self) -> bool:
-        """Whether Ipopt found a local optimum."""
-        return self.message in CONVERGED
-
-    @property
-    def stopped(self) -> bool:
-        """Whether the user or the deadline ended the solve."""
-        return self.message in (STOPPED, LATE)
-
-
-@dataclass(frozen=True, eq=False)
-class Derivatives:
-    """Constraints, gradient, sparse Jacobian, Hessian of the Lagrangian, and multipliers.
-
-    CasADi's signs: positive at an upper bound, negative at a lower one.
-    """
-
-    g: np.ndarray
-    gradient: np.ndarray
-    jacobian: sp.csr_matrix
-    hessian: sp.csr_matrix
-    lam_x: np.ndarray
-    lam_g: np.ndarray
 
 
 @dataclass
 class Optimizer:
-    """Solves windows; keeps the solver of each structure, so that a later one starts at once.
+    """Solves windows, and keeps the solver of each NLP structure for later windows.
 
-    `ipopt` is one of the sets of options above. No solve goes on after `deadline`, a time of
-    `time.perf_counter()`.
+    Attributes
+    ----------
+    ipopt : mapping
+        Options, such as those of `ipopt_options`.
+    deadline : float
+        Time of `time.perf_counter()` at which a solve stops.
+    iterations : int
+    setup_seconds, solve_seconds, derivative_seconds : float
+        Totals over all solves; the last is the part of `solve_seconds` spent in objective,
+        constraints and their derivatives.
+    solves : list of Solve
+        Records of all solves.
     """
 
     linear_solver: str = "mumps"
     max_iterations: int = 1000
     reporter: Reporter = field(default_factory=Reporter)
-    ipopt: Mapping[str, Any] = field(default_factory=lambda: IPOPT, repr=False)
+    ipopt: Mapping[str, Any] = field(default_factory=lambda: DEFAULT_OPTIONS, repr=False)
     deadline: float = math.inf
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
-    derivative_seconds: float = 0.0  # of the solves: objective, constraints and derivatives
+    derivative_seconds: float = 0.0
     solves: list[Solve] = field(default_factory=list, repr=False)
     _ready: dict[Hashable, tuple[ca.Function, _Watch]] = field(default_factory=dict, repr=False)
 
@@ -176,52 +78,32 @@ class Optimizer:
         stage: str,
         detail: str,
         multipliers: dict[str, ca.DM] | None = None,
-        newest: bool = False,
+        return_last: bool = False,
     ) -> Outcome:
-        """Minimize from a start vector; never raises for lack of convergence.
+        """Minimize from a start vector; lack of convergence is reported, not raised.
 
-        newest : whether a solve that does not converge returns its last point rather than the
-            best one it met, which may be the start.
+        return_last : whether a solve that does not converge returns its last point, rather than
+            the best point it visited, which may be the start.
 
         Raises
         ------
         BaseException
-            What the reporter, or a handler of Ctrl-C, raised meanwhile.
+            Whatever the reporter or a Ctrl-C handler raised during the solve.
         """
         solver, watch = self._solver(window)
         began = time.perf_counter()
         with deferred_interrupts() as deferred:
-            watch.attend(window, stage, detail, self.reporter, self.deadline, deferred)
+            watch.prepare(window, stage, detail, self.reporter, self.deadline, deferred)
             result = solver(x0=start, p=window.parameters, **window.bounds, **(multipliers or {}))
-        stats = solver.stats()
-        self.iterations += int(stats["iter_count"])
         self.solve_seconds += time.perf_counter() - began
-        self.derivative_seconds += derivative_seconds(stats)
+        stats = solver.stats()
         message = str(stats["return_status"])
-        if message == STOPPED and watch.late:
-            message = LATE
-        point = _point(window, [result[ca.nlpsol_out(i)] for i in range(ca.nlpsol_n_out())])
-        violated: tuple[Violation, ...] = ()
-        if message not in CONVERGED:
-            if not newest:
-                point = min(point, watch.best or point, key=rank)
-            violated = violations(window, point.full, point.g)
-        record = stats.get("iterations", {})  # none where the start already overflows
-        entries = (record.get(name, ()) for name in ("obj", "inf_pr", "inf_du"))
-        history = zip(*entries, strict=True)
-        steps = (window.offset + 1, window.offset + len(window.steps))
-        self.solves.append(
-            Solve(
-                stage,
-                detail,
-                *steps,
-                message,
-                point.objective,
-                point.infeasibility,
-                tuple(history),
-                violated,
-            )
-        )
+        if message == USER_STOPPED and watch.late:
+            message = DEADLINE_PASSED
+        point = point_of(window, [result[ca.nlpsol_out(i)] for i in range(ca.nlpsol_n_out())])
+        if message not in CONVERGED_STATUSES and not return_last:
+            point = min(point, watch.best or point, key=rank)
+        self._record(window, point, stage, detail, message, stats)
         return Outcome(
             point.full,
             point.objective,
@@ -231,17 +113,46 @@ class Optimizer:
             point.multipliers,
         )
 
+    def _record(
+        self,
+        window: Window,
+        point: Point,
+        stage: str,
+        detail: str,
+        message: str,
+        stats: dict[str, Any],
+    ) -> None:
+        """Add a solve to the record and to the totals."""
+        self.iterations += int(stats["iter_count"])
+        self.derivative_seconds += derivative_seconds(stats)
+        iterates = stats.get("iterations", {})  # missing if the start already overflows
+        history = zip(*(iterates.get(key, ()) for key in ("obj", "inf_pr", "inf_du")), strict=True)
+        converged = message in CONVERGED_STATUSES
+        self.solves.append(
+            Solve(
+                stage,
+                detail,
+                window.offset + 1,
+                window.offset + len(window.steps),
+                message,
+                point.objective,
+                point.infeasibility,
+                tuple(history),
+                () if converged else violations(window, point.full, point.g),
+            )
+        )
+
     @deferred_interrupts()
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
-        """Objective and infeasibility, bounds on variables included, of a given vector."""
+        """Objective and infeasibility, including bounds on variables, of a decision vector."""
         solver, _ = self._solver(window)
         f, g = (solver.get_function(name)(full, window.parameters) for name in ("nlp_f", "nlp_g"))
         bounds = window.bounds
         violation = max(
-            _violation(np.asarray(g).ravel(), bounds["lbg"], bounds["ubg"]),
-            _violation(full, bounds["lbx"], bounds["ubx"]),
+            max_violation(np.asarray(g).ravel(), bounds["lbg"], bounds["ubg"]),
+            max_violation(full, bounds["lbx"], bounds["ubx"]),
         )
-        return Outcome(full, float(f), violation, 0, KEPT)
+        return Outcome(full, float(f), violation, 0, START_KEPT)
 
     @deferred_interrupts()
     def derivatives(self, window: Window, outcome: Outcome) -> Derivatives:
@@ -274,55 +185,23 @@ class Optimizer:
                 "error_on_fail": False,
                 **window.nlp.derivatives(),
             }
-            with deferred_interrupts():  # CasADi asks the callback for its size
+            with deferred_interrupts():  # CasADi calls back for the sizes
                 watch = _Watch(*window.nlp.size, window.parameters.size)
                 options["iteration_callback"] = watch
-                solver = ca.nlpsol("window", "ipopt", window.nlp.nlp(), options)
+                solver = ca.nlpsol("window", "ipopt", window.nlp.as_casadi(), options)
             self._ready[key] = (solver, watch)
             self.setup_seconds += time.perf_counter() - began
         return self._ready[key]
 
 
 def derivative_seconds(stats: dict[str, Any]) -> float:
-    """Seconds of a solve in objective, constraints and their derivatives."""
+    """Seconds that a solve spent in objective, constraints and their derivatives."""
     functions = ("nlp_f", "nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
     return float(sum(stats[f"t_wall_{name}"] for name in functions))
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A point of an NLP, with its multipliers as a later solve takes them."""
-
-    full: np.ndarray
-    g: np.ndarray
-    objective: float
-    infeasibility: float
-    multipliers: dict[str, ca.DM]
-
-
-def rank(point: _Point | Outcome | Solve) -> tuple[bool, float]:
-    """The smaller the better: feasible points first, by objective, the others by a merit.
-
-    A point on its way to a solution has rods a little out of balance, which is no worse than the
-    trunk at rest that keeps every equation; hence not by infeasibility alone.
-    """
-    feasible = point.infeasibility <= FEASIBLE
-    merit = point.objective + (0.0 if feasible else PENALTY * point.infeasibility)
-    return not feasible, merit if np.isfinite(merit) else np.inf
-
-
-def _point(window: Window, outputs: Sequence[ca.DM]) -> _Point:
-    """A point from what CasADi's solvers and their callbacks tell: x, f, g, lam_x, lam_g, lam_p."""
-    x, objective, g, lam_x, lam_g, _ = outputs
-    constraints = np.asarray(g).ravel()
-    bounds = window.bounds
-    violation = _violation(constraints, bounds["lbg"], bounds["ubg"])
-    multipliers = {"lam_x0": lam_x, "lam_g0": lam_g}
-    return _Point(np.asarray(x).ravel(), constraints, float(objective), violation, multipliers)
-
-
 class _Watch(ca.Callback):
-    """Ipopt's iteration callback: reports progress, keeps the best point, stops when told to."""
+    """Ipopt's iteration callback: reports progress, keeps the best point, and stops on request."""
 
     def __init__(self, variables: int, constraints: int, parameters: int) -> None:
         ca.Callback.__init__(self)
@@ -336,7 +215,7 @@ class _Watch(ca.Callback):
         }
         self.construct("watch", {})
 
-    def attend(
+    def prepare(
         self,
         window: Window,
         stage: str,
@@ -348,7 +227,7 @@ class _Watch(ca.Callback):
         self._window, self._stage, self._detail = window, stage, detail
         self._reporter, self._deadline, self._deferred = reporter, deadline, deferred
         self._iteration = -1
-        self.best: _Point | None = None
+        self.best: Point | None = None
         self.late = False
 
     def get_n_in(self) -> int:
@@ -368,17 +247,17 @@ class _Watch(ca.Callback):
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
         try:
-            stop = self._look(arguments)
-        except BaseException as error:  # lost on its way through CasADi, if it left here
+            stop = self._report(arguments)
+        except BaseException as error:  # CasADi would swallow it
             self._deferred.error = self._deferred.error or error
             stop = True
         return [int(self._deferred.pending or stop)]
 
-    def _look(self, arguments: Sequence[ca.DM]) -> bool:
-        """Report an iterate; whether it shall be the last."""
+    def _report(self, arguments: Sequence[ca.DM]) -> bool:
+        """Report an iterate; returns whether to stop."""
         window, reporter = self._window, self._reporter
         self._iteration += 1
-        point = _point(window, arguments)
+        point = point_of(window, arguments)
         self.best = min(self.best or point, point, key=rank)
         reporter.iteration(
             Progress(
@@ -393,31 +272,3 @@ class _Watch(ca.Callback):
         )
         self.late = time.perf_counter() > self._deadline
         return bool(reporter.stop or self.late)
-
-
-@cache
-def check_linear_solver(name: str) -> None:
-    """Raise SolverMissingError if Ipopt does not have a linear solver.
-
-    Ipopt itself would go on and return NaN with `Invalid_Option`.
-    """
-    x = ca.SX.sym("x")
-    options: dict[str, Any] = {"ipopt.linear_solver": name, "ipopt.print_level": 0}
-    message = "Invalid_Option"
-    if name == "mumps":  # comes with CasADi
-        return
-    with contextlib.suppress(RuntimeError), contextlib.redirect_stdout(io.StringIO()):
-        solver = ca.nlpsol("probe", "ipopt", {"x": x, "f": x**2}, options | QUIET)
-        solver(x0=1.0)
-        message = str(solver.stats()["return_status"])
-    if message not in CONVERGED:
-        raise SolverMissingError(
-            f"linear solver {name!r} is not available to Ipopt here ({message}); expected one "
-            "that is installed. Use mumps, which comes with CasADi, or install the library."
-        )
-
-
-def _violation(g: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Largest excess over bounds; infinite if a value is not a number."""
-    excess = np.maximum(np.maximum(lower - g, g - upper), 0.0)
-    return float(np.where(np.isnan(excess), np.inf, excess).max(initial=0.0))

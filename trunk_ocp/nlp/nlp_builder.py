@@ -1,4 +1,4 @@
-"""Putting a partially separable nlp together, piece by piece."""
+"""Builds a partially separable NLP piece by piece."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
+from .quantities import Meaning
 from .separable_nlp import SeparableNLP, Term
 
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Some places of a term; its scatter as four equal arrays."""
+    """Some places of a term, with its scatter as four arrays of equal length."""
 
     function: ca.Function
     variables: np.ndarray  # (n, N)
@@ -29,24 +31,44 @@ class _Places:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Rows of constraints that belong together, named for who asks which one is violated.
+    """Constraint rows that belong together.
 
-    `rows` has any shape; its last axis is that of the components. `Z` (m) has the shape of the
-    other axes, if rows belong to points of the trunk. `step` is the time step, from 0.
+    Attributes
+    ----------
+    meaning : Meaning
+        What the rows state, with the units and scales of their components.
+    rows : (..., components) int
+        Row numbers in F, which start from 1.
+    Z : (...), optional
+        Points of the trunk that the rows belong to, in m.
+    step : int
+        Time step of the motion, from 0.
+    variables : (..., components) int, optional
+        The variables that the rows define, where these have bounds of their own.
+    controls : (components,) int, optional
+        The components of the meaning that the rows are about, each a constraint of its own; by
+        default all of them.
     """
 
-    name: str
+    meaning: Meaning
     rows: np.ndarray
     Z: np.ndarray | None = None
-    step: int | None = None
+    step: int = 0
+    variables: np.ndarray | None = None
+    controls: np.ndarray | None = None
 
-    def moved(self, by: int, step: int) -> Block:
-        """The same of a time step, with row numbers grown by a number."""
-        return replace(self, rows=self.rows + by, step=step)
+    def component(self, i: int) -> int:
+        """Index in the meaning's components of that of the rows' last axis."""
+        return i if self.controls is None else int(self.controls[i])
+
+    def moved(self, variables: int, rows: int, step: int) -> Block:
+        """The block of a time step, with indices of variables and rows shifted."""
+        own = None if self.variables is None else self.variables + variables
+        return replace(self, rows=self.rows + rows, step=step, variables=own)
 
 
 class NLPBuilder:
-    """Collects variables, constraint rows, linear entries and terms."""
+    """Collects variables, constraint rows, linear entries and terms of an NLP."""
 
     def __init__(self) -> None:
         self._lower: list[np.ndarray] = []
@@ -67,7 +89,7 @@ class NLPBuilder:
     def variables(
         self, *shape: int, lower: float | np.ndarray = -np.inf, upper: float | np.ndarray = np.inf
     ) -> np.ndarray:
-        """New variables of a shape; returns their indices in x."""
+        """Add variables of a shape; returns their indices in x."""
         size = int(np.prod(shape))
         self._lower.append(np.broadcast_to(lower, shape).ravel().astype(float))
         self._upper.append(np.broadcast_to(upper, shape).ravel().astype(float))
@@ -76,23 +98,22 @@ class NLPBuilder:
 
     def rows(
         self,
-        name: str,
+        meaning: Meaning,
         *shape: int,
         lower: float | np.ndarray = 0.0,
         upper: float | np.ndarray = 0.0,
-        Z: np.ndarray | None = None,
-        step: int | None = None,
+        **about: Any,
     ) -> np.ndarray:
-        """New constraint rows, lower <= g <= upper; returns their row numbers in F.
+        """Add constraint rows, lower <= g <= upper; returns their row numbers in F.
 
-        The others are as in `Block`.
+        about : attributes of the `Block`.
         """
-        rows = self._more_rows(np.broadcast_to(lower, shape), np.broadcast_to(upper, shape))
+        rows = self._add_rows(np.broadcast_to(lower, shape), np.broadcast_to(upper, shape))
         if rows.size:
-            self.blocks.append(Block(name, rows, Z, step))
+            self.blocks.append(Block(meaning, rows, **about))
         return rows
 
-    def _more_rows(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def _add_rows(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         self._row_lower.append(lower.ravel().astype(float))
         self._row_upper.append(upper.ravel().astype(float))
         self._rows += lower.size
@@ -101,7 +122,7 @@ class NLPBuilder:
     def linear(
         self, rows: np.ndarray, columns: np.ndarray, values: float | np.ndarray = 1.0
     ) -> None:
-        """Add C[rows, columns] += values; the three are broadcast against each other."""
+        """Add values to C[rows, columns]; the three are broadcast against each other."""
         r, c, v = np.broadcast_arrays(rows, columns, np.asarray(values, dtype=float))
         keep = v.ravel() != 0
         self._linear.append((r.ravel()[keep], c.ravel()[keep], v.ravel()[keep]))
@@ -133,22 +154,22 @@ class NLPBuilder:
         bounds: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
         step: int,
     ) -> tuple[int, int]:
-        """Add variables, rows, linear entries and constraint terms of a part, numbered on.
+        """Add variables, rows, linear entries and constraint terms of a part.
 
-        bounds : (variables of the part, lower, upper), in place of the part's own bounds.
+        bounds : (variables of the part, lower, upper), which replace the part's own bounds.
         step : time step that the part's rows belong to.
 
         Returns
         -------
-        What the part's variables and its row numbers have grown by.
+        Shifts of the part's variables and of its row numbers.
         """
         variables, rows = self._count, self._rows
-        own = part.bounds
+        limits = part.bounds
         for places, lower, upper in bounds:
-            own["lbx"][places], own["ubx"][places] = lower, upper
-        self.variables(part._count, lower=own["lbx"], upper=own["ubx"])
-        self._more_rows(own["lbg"], own["ubg"])
-        self.blocks += [block.moved(rows, step) for block in part.blocks]
+            limits["lbx"][places], limits["ubx"][places] = lower, upper
+        self.variables(part._count, lower=limits["lbx"], upper=limits["ubx"])
+        self._add_rows(limits["lbg"], limits["ubg"])
+        self.blocks += [block.moved(variables, rows, step) for block in part.blocks]
         r, c, v = part._entries
         self._linear.append((r + rows, c + variables, v))
         for t in part._terms:
@@ -167,13 +188,13 @@ class NLPBuilder:
 
     @cached_property
     def _entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """All linear entries, once everything is added: rows, columns, values."""
+        """All linear entries: rows, columns, values. Cached, so call it once all are added."""
         rows, columns, values = (np.concatenate(part) for part in zip(*self._linear, strict=True))
         return rows, columns, values
 
     @cached_property
     def _merged(self) -> list[_Places]:
-        """One piece for each function, with all of its places, once everything is added."""
+        """One piece for each function, with all its places. Cached, as `_entries`."""
         merged = []
         for function in dict.fromkeys(term.function for term in self._terms):
             pieces = [term for term in self._terms if term.function == function]
@@ -194,7 +215,7 @@ class NLPBuilder:
         return merged
 
     def nlp(self) -> SeparableNLP:
-        """The NLP of everything that was added, with one term for each function."""
+        """The NLP, with one term for each function."""
         rows, columns, values = self._entries
         size = 1 + self._rows
         terms = []
@@ -209,23 +230,23 @@ class NLPBuilder:
 
     def digest(self) -> bytes:
         """Fingerprint of the NLP without its parameter values."""
-        known = hashlib.blake2b(f"{self._count} {self._rows}".encode())
+        digest = hashlib.blake2b(f"{self._count} {self._rows}".encode())
         for t in self._merged:
-            known.update(f"{t.function.__hash__()} {t.variables.shape}".encode())
+            digest.update(f"{t.function.__hash__()} {t.variables.shape}".encode())
             for array in (t.variables, t.output, t.place, t.rows, t.weights):
-                known.update(np.ascontiguousarray(array).tobytes())
+                digest.update(np.ascontiguousarray(array).tobytes())
         for array in self._entries:
-            known.update(array.tobytes())
-        return known.digest()
+            digest.update(array.tobytes())
+        return digest.digest()
 
     @property
     def parameters(self) -> np.ndarray:
-        """Parameter values of all terms as one vector, as `SeparableNLP.parameters` has them."""
+        """Parameter values of all terms as one vector, as in `SeparableNLP.parameters`."""
         return np.concatenate([t.parameters.ravel(order="F") for t in self._merged])
 
     @property
     def bounds(self) -> dict[str, np.ndarray]:
-        """Bounds in the words of CasADi's solvers: lbx, ubx, lbg, ubg."""
+        """Bounds as arguments of CasADi's solvers: lbx, ubx, lbg, ubg."""
         return {
             "lbx": np.concatenate(self._lower),
             "ubx": np.concatenate(self._upper),

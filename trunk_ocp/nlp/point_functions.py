@@ -1,7 +1,7 @@
-"""The small symbolic functions a window's NLP is made of, in its units.
+"""The small symbolic functions that a window's NLP consists of.
 
-Lengths are in units of L, moments in E I(0) / L; see `window`. Each takes (w, p),
-unknowns and parameters of one place.
+Each takes (w, p), unknowns and parameters of one place. Lengths are in units of L, moments in
+E I(0) / L; see `window`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..rod.equations import rates
 
 @cache
 def scaled_rates(length: float, moment: float) -> ca.Function:
-    """`rates` in units of the transcription: L, and E I(0) / L for moments."""
+    """`rates` in the NLP's units, per L of Z."""
     w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
     to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
     to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
@@ -36,7 +36,7 @@ def base(trunk: Trunk) -> ca.Function:
 
 @cache
 def director(j: int) -> ca.Function:
-    """Director j of an orientation q (4), whose norm is not quite 1 inside an element."""
+    """Director j of an orientation q (4), normalized: inside an element |q| is not exactly 1."""
     q = ca.SX.sym("q", 4)
     unit = ca.vertcat(*_d(q, j)) / ca.sumsqr(q)
     return ca.Function("director", [q, ca.SX.sym("p", 0)], [unit])

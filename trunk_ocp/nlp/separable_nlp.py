@@ -5,9 +5,9 @@ Objective and constraints are stacked as one map, row 0 the objective,
     F(x; p) = C x + sum over terms of  S @ vec(y_1, ..., y_N),   y_i = phi(x[v_i], p_i),
 
 with a constant sparse C and, for each term, one small function phi evaluated at N places
-(Griewank & Toint 1982, partially separable functions). The derivatives of F are those of
-phi, gathered and added up by constant sparse matrices; the expression graph stays a few
-nodes long whatever the number of places, so building it takes milliseconds.
+(Griewank & Toint 1982, partially separable functions). The derivatives of F are sums of those of
+phi, gathered by constant sparse matrices. The expression graph has a few nodes whatever the number
+of places, so it is built in milliseconds.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Term:
     function : casadi.Function
         SX function (w (n,), p (k,)) -> y (m,).
     variables : (n, N) int
-        Indices of w in x, place by place; no index twice in a column.
+        Indices of w in x, a column for each place; no index occurs twice in a column.
     scatter : (rows, m N) sparse
-        S above; the column of output r at place i is r + m i.
+        S above; output r at place i is column r + m i.
     parameters : (k, N)
-        Values of p, place by place.
+        Values of p, a column for each place.
     """
 
     function: ca.Function
@@ -55,8 +55,8 @@ class Term:
 class SeparableNLP:
     """An NLP: minimize F[0] subject to bounds on x and on g = F[1:].
 
-    `linear` is C, (1 + constraints, variables). Parameter values are not part of the
-    structure: every solve brings its own, in the order of `parameters`.
+    `linear` is C, (1 + constraints, variables). Parameter values are arguments of each solve, in
+    the order of `parameters`, so that NLPs which differ only in them share one solver.
     """
 
     linear: sp.csr_matrix
@@ -72,14 +72,14 @@ class SeparableNLP:
         """Numbers of variables and of constraints."""
         return self.linear.shape[1], self.linear.shape[0] - 1
 
-    def nlp(self) -> dict[str, ca.MX]:
-        """Problem in CasADi's form, x, p, f, g."""
+    def as_casadi(self) -> dict[str, ca.MX]:
+        """The NLP as CasADi's `nlpsol` takes it: x, p, f, g."""
         x, p, places = self._inputs()
         f, g = self._values(x, places, OBJECTIVE), self._values(x, places, CONSTRAINTS)
         return {"x": x, "p": p, "f": f, "g": g}
 
     def derivatives(self) -> dict[str, ca.Function]:
-        """Exact first and second derivatives, in the form that `nlpsol` takes as options."""
+        """Exact first and second derivatives, as options of CasADi's `nlpsol`."""
         x, p, places = self._inputs()
         f, g = self._values(x, places, OBJECTIVE), self._values(x, places, CONSTRAINTS)
         gradient = ca.densify(self._jacobian(places, OBJECTIVE).T)
@@ -108,10 +108,10 @@ class SeparableNLP:
             start = stop
         return x, p, places
 
-    def _touching(
+    def _terms_of(
         self, places: list[Place], rows: slice
     ) -> list[tuple[Term, sp.csr_matrix, Place]]:
-        """The terms that some of these rows depend on: (term, rows of its scatter, inputs)."""
+        """Terms that these rows depend on: (term, rows of its scatter, inputs)."""
         parts = (
             (term, term.scatter[rows], place)
             for term, place in zip(self.terms, places, strict=True)
@@ -121,7 +121,7 @@ class SeparableNLP:
     def _values(self, x: ca.MX, places: list[Place], rows: slice) -> ca.MX:
         """Some rows of F."""
         value = _times(self.linear[rows], x)
-        for term, scatter, (w, q) in self._touching(places, rows):
+        for term, scatter, (w, q) in self._terms_of(places, rows):
             value += _times(scatter, ca.vec(term.function.map(term.places)(w, q)))
         return value
 
@@ -129,7 +129,7 @@ class SeparableNLP:
         """Jacobian of some rows of F, sparse."""
         linear = self.linear[rows]
         gather = _Gather(linear)
-        for term, scatter, (w, q) in self._touching(places, rows):
+        for term, scatter, (w, q) in self._terms_of(places, rows):
             jacobian, row, column = _term_jacobian(term.function)
             outputs, count = term.function.size1_out(0), term.places
             place = np.repeat(np.arange(count), row.size)
@@ -150,6 +150,7 @@ class SeparableNLP:
         n = self.size[0]
         gather = _Gather(sp.csr_matrix((n, n)))
         for term, (w, q) in zip(self.terms, places, strict=True):
+            # A function is linear in w if its Hessian has no entries.
             hessian, row, column = _term_hessian(term.function)
             count, outputs = term.places, term.function.size1_out(0)
             if not row.size:
@@ -169,7 +170,7 @@ class SeparableNLP:
 
 
 class _Gather:
-    """Adds the entries of many small matrices to one large sparse matrix."""
+    """Sums the entries of many small matrices into one large sparse matrix."""
 
     def __init__(self, constant: sp.csr_matrix) -> None:
         self.constant = sp.coo_matrix(constant)
@@ -185,19 +186,23 @@ class _Gather:
         values: ca.MX,
     ) -> None:
         """Add factor * values[source] at (row, column), entry by entry."""
-        offset = sum(known.size1() for known in self.sources)
+        offset = sum(values.size1() for values in self.sources)
         self.entries.append((row, column, factor, source + offset))
         self.sources.append(values)
 
     def matrix(self) -> ca.MX:
-        """The sum as a sparse matrix: a constant plus a sparse map of all values."""
+        """The sum as a sparse matrix.
+
+        Its nonzeros are a constant plus one constant sparse matrix times the vector of all values:
+        three nodes of the expression graph, whatever the number of entries.
+        """
         rows, columns = self.constant.shape
         row = np.concatenate([self.constant.row, *(e[0] for e in self.entries)])
         column = np.concatenate([self.constant.col, *(e[1] for e in self.entries)])
         key = column.astype(np.int64) * rows + row  # column-major, as CasADi stores
         unique, position = np.unique(key, return_inverse=True)
-        own = position[: self.constant.nnz]
-        nonzeros = ca.MX(ca.DM(np.bincount(own, self.constant.data, unique.size)))
+        constants = position[: self.constant.nnz]
+        nonzeros = ca.MX(ca.DM(np.bincount(constants, self.constant.data, unique.size)))
         if self.entries:
             factor, source = (np.concatenate([e[i] for e in self.entries]) for i in (2, 3))
             values = ca.vertcat(*self.sources)

@@ -1,4 +1,4 @@
-"""How large a plan's NLP is: its unknowns, and about how much memory and time it will take."""
+"""Size of a plan's NLP: unknowns, equations, and estimates of memory and time."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from pathlib import Path
 from ..errors import InputError
 from ..problem.motion import Motion
 from ..rod.collocation import Mesh
-from .rod_block import rod_equations
+from .rod_block import rod_equations, step_points
 
-# Measured with 30 to 2,500 muscles and 10 to 1,000 time steps, MUMPS, one thread: 7 to 9 kB and 20
-# to 40 us an iteration for each equation beyond the first few thousand. More is held while Ipopt
-# looks for a feasible point.
+# Measured with 30 to 2,500 muscles and 10 to 1,000 time steps, MUMPS, one thread: beyond the first
+# few thousand equations, each takes 7 to 9 kB, and 20 to 40 us an iteration. Ipopt needs more
+# memory in its restoration phase.
 EQUATION_BYTES = 10e3
 EQUATION_SECONDS = 30e-6
-ITERATIONS, FEW = 100, 40
-"""Of a solve from elsewhere, and of one that starts near its solution or has one step only."""
+COLD_ITERATIONS, WARM_ITERATIONS = 100, 40
+"""Iterations of a solve far from its solution, and of one near it or of a single step."""
 LARGE_BYTES = 2e9
 LARGE_SECONDS = 300.0
-"""What a plan may take without a word."""
+"""Memory and time above which the user is warned."""
 CGROUP = Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
 class Size:
-    """Size of the largest NLP of a plan, and what all of it will take.
+    """Size of the largest NLP of a plan, and the resources that the plan needs.
 
     Attributes
     ----------
     unknowns, equations : int
-        Of the window with the most.
+        Numbers of the largest window.
     memory : float
-        Bytes, within a factor of about 1.5.
+        Estimate in bytes, within a factor of about 1.5.
     seconds : float
-        A guess: within a factor of about 3 for trunks of tens of muscles, 10 for thousands.
+        Estimate within a factor of about 3 for tens of muscles, and 10 for thousands.
     """
 
     unknowns: int
@@ -47,7 +47,7 @@ class Size:
 
     @property
     def large(self) -> bool:
-        """Whether a user should know before it begins."""
+        """Whether to warn the user before the solve starts."""
         return self.memory > LARGE_BYTES or self.seconds > LARGE_SECONDS
 
     def __str__(self) -> str:
@@ -61,69 +61,68 @@ def size_of(motion: Motion, mesh: Mesh, lookahead: int) -> Size:
     """Size of a plan that solves `lookahead` time steps at a time on a mesh."""
     unknowns, equations = [], []
     for number, step in enumerate(motion.steps):
-        asked = {target.Z for target in step.targets}
-        asked |= {held.Z for held in motion.held if held.step == number}
-        rod = rod_equations(motion.trunk, mesh, motion.extension, tuple(sorted(asked)))
-        columns, rows = rod.assembly.size
+        points = step_points(motion, step, number)
+        columns, rows = rod_equations(motion.trunk, mesh, motion.extension, points).builder.size
         unknowns.append(columns)
         equations.append(rows + step.change.limited.size)
-    each, count = max(equations), len(motion.steps)
+    largest, count = max(equations), len(motion.steps)
     windows = count - lookahead + 1
-    # More steps at a time start from the plan of single steps; later windows from those before.
-    iterations = FEW * count
+    # The first window starts from the plan of single steps, later ones from the window before.
+    iterations = WARM_ITERATIONS * count
     if lookahead > 1:
-        iterations += ITERATIONS * lookahead + FEW * lookahead * (windows - 1)
+        iterations += COLD_ITERATIONS * lookahead
+        iterations += WARM_ITERATIONS * lookahead * (windows - 1)
     return Size(
         max(unknowns) * lookahead,
-        each * lookahead,
-        EQUATION_BYTES * each * lookahead,
-        EQUATION_SECONDS * each * iterations,
+        largest * lookahead,
+        EQUATION_BYTES * largest * lookahead,
+        EQUATION_SECONDS * largest * iterations,
     )
 
 
 def check_size(motion: Motion, mesh: Mesh, lookahead: int) -> str:
-    """A sentence about a plan that is large; empty if it is not.
+    """Warning about a large plan; empty if it is not large.
 
     Raises
     ------
     InputError
-        If it needs more memory than there is.
+        If it needs more memory than is available.
     """
     size = size_of(motion, mesh, lookahead)
-    told = (
+    plan = (
         f"{motion.name}: {len(motion.steps):,} time steps of {len(motion.trunk.muscles):,} muscles"
     )
-    there = available_memory()
-    if there is not None and size.memory > there:
+    available = available_memory()
+    if available is not None and size.memory > available:
         raise InputError(
-            f"{told}, {lookahead:,} at a time: needs {size}; expected at most the "
-            f"{there / 1e9:.1f} GB that are free here. Plan fewer steps at a time "
+            f"{plan}, {lookahead:,} at a time: needs {size}; expected at most the "
+            f"{available / 1e9:.1f} GB that are free here. Plan fewer steps at a time "
             "(--lookahead 5, or --mode sequential), or use fewer steps or segments."
         )
-    return f"{told}: {size}; Ctrl-C saves the best so far." if size.large else ""
+    return f"{plan}: {size}; Ctrl-C saves the best so far." if size.large else ""
 
 
 def available_memory() -> float | None:
-    """Bytes that this process may still take; None if the system does not say."""
-    return min(_free(), default=None)
+    """Bytes that this process may still allocate; None if the system does not report it."""
+    return min(_limits(), default=None)
 
 
-def _free() -> Iterator[float]:
-    """What each limit leaves: the machine's, the container's, the process's own."""
+def _limits() -> Iterator[float]:
+    """Bytes left under the limits of the machine, the container and the process."""
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
         line = next(line for line in lines if line.startswith("MemAvailable:"))
         yield 1024.0 * int(line.split()[1])
     with suppress(OSError, ValueError):
-        most = int((CGROUP / "memory.max").read_text())
-        yield most - float((CGROUP / "memory.current").read_text())
+        limit = int((CGROUP / "memory.max").read_text())
+        yield limit - float((CGROUP / "memory.current").read_text())
     with suppress(ImportError, OSError, ValueError):
         import resource
 
-        most, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if most != resource.RLIM_INFINITY:
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        if limit != resource.RLIM_INFINITY:
             pages = int(Path("/proc/self/statm").read_text().split()[0])
-            yield float(most - pages * os.sysconf("SC_PAGE_SIZE"))
+            yield float(limit - pages * os.sysconf("SC_PAGE_SIZE"))
 
 
 def _duration(seconds: float) -> str:

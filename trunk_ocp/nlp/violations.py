@@ -1,4 +1,4 @@
-"""Violated constraints of a window, named and located: which, at which step, where, by how much."""
+"""Violated constraints of a window: which one, at which step, where on the trunk, by how much."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from .nlp_builder import Block
 from .window import Window
 
-MOST = 12
-SMALLEST = 1e-6
-"""Excess, in the transcription's units, below which a constraint counts as kept."""
+MAX_VIOLATIONS = 12  # in a list
+MIN_EXCESS = 1e-6
+"""Excess in the NLP's units up to which a constraint counts as satisfied."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """One constraint that does not hold.
+    """One violated constraint.
 
     Attributes
     ----------
@@ -25,14 +25,14 @@ class Violation:
     what : str
         Name of the constraint, such as "balance of moments about d2".
     Z : float or None
-        Where along the trunk, in m.
+        Point of the trunk, in m.
     value, lower, upper : float
-        What it is and what is allowed, in `unit`. Equations have a value of 0.
+        Value and bounds, in `unit`; the bounds of an equation are equal.
     excess : float
-        Distance from what is allowed in the transcription's units (L, E I(0) / L, 1), by which
-        violations of different kinds are ranked.
+        Distance from the bounds in the NLP's units (L, E I(0) / L, 1), which ranks violations of
+        different kinds.
     others : int
-        Other places and steps at which the same does not hold, by less.
+        Number of other places and steps with a smaller violation of the same kind.
     """
 
     step: int
@@ -53,86 +53,67 @@ class Violation:
         else:
             allowed = f"is {self.value:.4g}{unit}, allowed {self.lower:g} to {self.upper:g}"
         places = f"{self.others} other place{'s' * (self.others > 1)}"
-        more = f" (and less so at {places})" if self.others else ""
+        more = f" (and less at {places})" if self.others else ""
         return f"step {self.step}: {self.what}{where} {allowed}{more}"
 
 
 def violations(window: Window, full: np.ndarray, g: np.ndarray) -> tuple[Violation, ...]:
     """Violated constraints of a window at a point, each kind where it is worst, worst first.
 
-    full, g : all unknowns, and the constraints' values there.
+    full, g : the decision vector, and the values of the constraints there.
     """
     lower, upper = window.bounds["lbg"], window.bounds["ubg"]
     excess = np.maximum(np.maximum(lower - g, g - upper), 0.0)
     excess[np.isnan(g)] = np.inf
-    found: dict[str, list[Violation]] = {}
+    kinds: dict[str, list[Violation]] = {}
     for block in window.blocks:
-        # Of the components of one place, the worst; the others say the same again. But each
-        # change is of another muscle. Row 0 of F is the objective.
-        components = 1 if block.name == "change" else block.rows.shape[-1]
-        rows = block.rows.reshape(-1, components) - 1
+        # The worst component of a place stands for all of them, which fail together; controls
+        # are independent of each other. Row 0 of F is the objective.
+        width = block.rows.shape[-1] if block.controls is None else 1
+        rows = block.rows.reshape(-1, width) - 1
         worst = np.argmax(excess[rows], axis=1)
-        for place in np.flatnonzero(excess[rows].max(axis=1) > SMALLEST).tolist():
-            component = int(worst[place])
-            row = rows[place, component]
+        for place in np.flatnonzero(excess[rows].max(axis=1) > MIN_EXCESS).tolist():
+            row = rows[place, worst[place]]
             bounds = (float(lower[row]), float(upper[row]))
-            one = _violation(window, full, block, (place, component), float(g[row]), bounds)
-            found.setdefault(one.what, []).append(replace(one, excess=float(excess[row])))
-    kinds = [
+            at = place * width + int(worst[place])
+            violation = _violation(window, full, block, at, float(g[row]), bounds)
+            violation = replace(violation, excess=float(excess[row]))
+            kinds.setdefault(violation.what, []).append(violation)
+    worst_of_kinds = [
         replace(max(same, key=lambda one: one.excess), others=len(same) - 1)
-        for same in found.values()
+        for same in kinds.values()
     ]
-    return tuple(sorted(kinds, key=lambda one: -one.excess)[:MOST])
+    return tuple(sorted(worst_of_kinds, key=lambda one: -one.excess)[:MAX_VIOLATIONS])
 
 
 def _violation(
     window: Window,
     full: np.ndarray,
     block: Block,
-    at: tuple[int, int],
+    at: int,
     value: float,
     bounds: tuple[float, float],
 ) -> Violation:
-    """Violation of the row at (place, component) of a block, given its value and bounds."""
-    step = window.offset if block.step is None else block.step
-    what, scale, unit = _meaning(window, block, *at)
-    Z = None if block.Z is None else float(block.Z.ravel()[at[0]])
-    if block.name == "strain" and at[1] == 0:
-        # The variable keeps its bounds; what its muscles make may be elsewhere.
-        variable = full[window.unknowns[step - window.offset].strain[at[0], 0]]
-        made, (low, high) = float(variable) - (value - bounds[0]), window.motion.extension
-        if not low <= made <= high:
-            value, bounds = made, (low, high)
+    """Violation of one entry of a block's rows, counted row by row, given its value and bounds."""
+    place, last = divmod(at, block.rows.shape[-1])
+    meaning, i = block.meaning, block.component(last)
+    what = meaning.labels[i] if meaning.labels else f"the {meaning.name}"
+    if meaning.place:
+        what += f" of {meaning.place} {place + 1}"
+    if block.variables is not None:
+        # The variable keeps its bounds while the solver runs; what the rest of its equation
+        # gives may leave them, which says more than the equation's residual.
+        variable = block.variables.ravel()[at]
+        given = float(full[variable]) - (value - bounds[0])
+        limits = (float(window.bounds["lbx"][variable]), float(window.bounds["ubx"][variable]))
+        if given < limits[0] or given > limits[1]:
+            value, bounds = given, limits
+    component = meaning.quantity.components[i]
+    scale, unit = component.scale, component.unit
+    if unit == "rad":
+        scale, unit = float(np.degrees(scale)), "deg"
+    Z = None if block.Z is None else float(block.Z.ravel()[place])
     lower, upper = (scale * bound for bound in bounds)
-    return Violation(step + 1, what, Z, scale * value, lower, upper, unit)
-
-
-def _meaning(window: Window, block: Block, place: int, component: int) -> tuple[str, float, str]:
-    """Name of a constraint, its scale to SI (angles in degrees), and its unit."""
-    degrees = float(np.degrees(1.0))
-    if block.name == "strain":
-        kind = f"curvature u_{component}, times L," if component else "extension"
-        return f"{kind} of segment {place + 1}, made by its muscles,", 1.0, ""
-    if block.name in ("rod", "continuity") and component < 4:
-        return f"the frame's {'equation' if block.name == 'rod' else 'continuity'}", 1.0, ""
-    if block.name == "rod":
-        return f"balance of moments about d{component - 3}", window.moment, "N m"
-    if block.name == "continuity":
-        return f"continuity of the moment about d{component - 3}", window.moment, "N m"
-    if block.name in ("centerline", "position at a target"):
-        return f"the {block.name}, coordinate {'XYZ'[component]},", window.length, "m"
-    if block.name == "base":
-        return (
-            ("position of the base", window.length, "m")
-            if component < 3
-            else ("orientation of the base", 1.0, "")
-        )
-    if block.name == "pull":
-        return f"the pull along a held direction, {'XYZ'[component]},", window.force, "N"
-    if block.name == "change":
-        limited = window.steps[(block.step or 0) - window.offset].change.limited
-        names = (*window.motion.trunk.muscles, "psi_Z", "psi_Y")
-        name = names[limited[place]]
-        angle = name.startswith("psi")
-        return f"change of {name}", degrees if angle else 1.0, "deg" if angle else ""
-    return f"the {block.name}", 1.0, ""
+    return Violation(
+        block.step + 1, what, Z, scale * value, lower, upper, "" if unit == "1" else unit
+    )

@@ -1,8 +1,8 @@
 """A window of consecutive time steps as one NLP.
 
-Each step has the unknowns and equations of `rod_equations`; bounds on change and directions
-held from an earlier step tie steps together. Inside, lengths are in units of L and moments of
-E I(0) / L; every public face is SI.
+Each step has the unknowns and equations of `rod_equations`; bounds on change, and directions
+held from an earlier step, couple the steps. Internally, lengths are in units of L and moments in
+E I(0) / L; everything that callers pass or get is in SI units.
 """
 
 from __future__ import annotations
@@ -35,19 +35,27 @@ from .point_functions import (
     squared_distance,
     squared_held_direction,
 )
-from .rod_block import Unknowns, rod_equations
+from .quantities import Meaning, quantities, units_of
+from .rod_block import Unknowns, rod_equations, step_points
 from .separable_nlp import SeparableNLP
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the costs besides tracking.
+    """Weights of the costs other than tracking.
 
-    Tracking is the weighted sum of squared distances of eq. (42), positions in m for a trunk of
-    1.75 m and in proportion for others (`Motion.position_scale`), so that weights mean the same
-    at every size. `effort` weighs the sum over time steps of the squared activations, `rate` the
-    integral over time of the squared rates of activations and head angles (1/s and rad/s). Both
-    are small: they choose among the many solutions that track equally well.
+    Tracking is the weighted sum of squared distances of eq. (42). Positions count in m for a trunk
+    of 1.75 m and in proportion to length for others (`Motion.position_scale`), so that weights
+    have the same meaning at every size. Effort and rate are small: they select one of the many
+    solutions that track equally well.
+
+    Attributes
+    ----------
+    effort : float
+        Weight of the sum over time steps of the squared activations.
+    rate : float
+        Weight of the integral over time of the squared rates of activations (1/s) and head
+        angles (rad/s).
     """
 
     effort: float = 1e-5
@@ -56,10 +64,18 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """One position or direction asked for: a squared error, weighted by its last parameter.
+    """A desired position or direction, as a weighted squared error.
 
-    `function` has the inputs (w, p), w the unknowns `variables`, p `parameters` and the weight;
-    an error of `tolerance` (m, or length of a director's error) counts as none.
+    Attributes
+    ----------
+    function : casadi.Function
+        (w, p) -> weighted squared error.
+    variables : (n,) int
+        Indices of w in the decision vector.
+    parameters, weight : (k - 1,), float
+        Values of p: the weight comes last.
+    tolerance : float
+        Error that counts as reached, in m or as length of a director's difference.
     """
 
     function: ca.Function
@@ -74,11 +90,14 @@ class Window:
 
     Parameters
     ----------
-    steps : the time steps
+    steps : sequence of Step
+        The time steps.
     previous : (muscles + 2,)
-        Unknowns of the step before, known.
-    held : known values (3,) of the directions that these steps need from earlier ones.
-    offset : number of the first step of the window in the motion, from 0.
+        Known activations and head angles of the step before.
+    held : dict
+        Known values (3,) of the directions that these steps need from earlier ones.
+    offset : int
+        Index of the window's first step in the motion, from 0.
     """
 
     @deferred_interrupts()
@@ -95,51 +114,49 @@ class Window:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
         self.known = held
         trunk = motion.trunk
-        self.length = trunk.length
-        self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
-        self.force = self.moment / trunk.length
-        self._assembly = NLPBuilder()
+        units = units_of(trunk)
+        self.length, self.moment, self.force = units.length, units.moment, units.force
+        self._builder = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
-        self.previous = self._assembly.variables(previous.size, lower=previous, upper=previous)
+        self.previous = self._builder.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
         self._couplings()
         self._tracking()
-        self._economy(weights)
+        self._regularization(weights)
 
     @cached_property
     def bounds(self) -> dict[str, np.ndarray]:
-        """Bounds of unknowns and constraints, in the words of CasADi's solvers."""
-        return self._assembly.bounds
+        """Bounds of the decision vector and the constraints, as arguments of CasADi's solvers."""
+        return self._builder.bounds
 
     @cached_property
     def parameters(self) -> np.ndarray:
         """Parameters of the NLP."""
-        return self._assembly.parameters
+        return self._builder.parameters
 
     @cached_property
     def nlp(self) -> SeparableNLP:
-        """The NLP itself; a solver needs it once for each structure only."""
-        return self._assembly.nlp()
+        """The NLP itself; a solver needs it only once for each structure."""
+        return self._builder.nlp()
 
     @property
     def blocks(self) -> list[Block]:
-        """The constraints' rows by what they mean."""
-        return self._assembly.blocks
+        """The constraint rows, with what they mean."""
+        return self._builder.blocks
 
     @cached_property
     def structure(self) -> bytes:
-        """Equal for windows whose NLPs differ in parameters and bounds only."""
-        return self._assembly.digest()
+        """Fingerprint; equal for windows whose NLPs differ only in parameters and bounds."""
+        return self._builder.digest()
 
     # --- one step --------------------------------------------------------------------
 
     def _step(self, number: int, step: Step) -> Unknowns:
-        """Variables of one step, and the equations of its rod."""
-        add, motion = self._assembly, self.motion
-        asked = {target.Z for target in step.targets}
-        asked |= {held.Z for held in motion.held if held.step == number}
-        rod = rod_equations(motion.trunk, self.mesh, motion.extension, tuple(sorted(asked)))
+        """Add the variables of one step and the equations of its rod."""
+        add, motion = self._builder, self.motion
+        points = step_points(motion, step, number)
+        rod = rod_equations(motion.trunk, self.mesh, motion.extension, points)
         tip = np.asarray(step.loads.tip_force) / self.force
         if step.pull is not None and self._is_known(step.pull[1]):
             tip = tip + step.pull[0] / self.force * self.known[step.pull[1]]
@@ -148,7 +165,7 @@ class Window:
             (rod.unknowns.x, step.box.lower, step.box.upper),
             (rod.unknowns.tip_force, tip - free, tip + free),
         ]
-        variables, rows = add.include(rod.assembly, bounds, number)
+        variables, rows = add.include(rod.builder, bounds, number)
         if step.loads not in self._points:
             self._points[step.loads] = point_parameters(
                 motion.trunk, step.loads, self.mesh.points.ravel()
@@ -170,17 +187,18 @@ class Window:
         return reference.step < self.offset
 
     def _held_directions(self) -> dict[HeldDirection, np.ndarray]:
-        """A variable of its own for each held direction, tied to the step that defines it.
+        """Add a variable for each held direction, with an equation at the step that defines it.
 
-        Without it, every step that refers to the direction would couple to the whole rod
-        of that step.
+        Without these variables, every step that uses the direction would be coupled to the rod of
+        that step, and the factorization would fill in.
         """
-        add, indices = self._assembly, {}
+        add, indices = self._builder, {}
+        held = Meaning("held direction", quantities(self.motion.trunk)["direction"])
         for reference in self.motion.held:
             if not 0 <= reference.step - self.offset < len(self.steps):
                 continue
             unknowns = self.unknowns[reference.step - self.offset]
-            D, rows = add.variables(3), add.rows("held direction", 3, step=reference.step)
+            D, rows = add.variables(3), add.rows(held, 3, step=reference.step)
             add.linear(rows, D)
             q = unknowns.points[reference.Z][0]
             add.term(
@@ -196,15 +214,20 @@ class Window:
         return indices
 
     def _couplings(self) -> None:
-        """Pulls along held directions; bounds on change."""
-        add = self._assembly
+        """Add pulls along held directions, and bounds on change."""
+        add, known = self._builder, quantities(self.motion.trunk)
+        along = tuple(f"the pull along a held direction, {axis}," for axis in "XYZ")
+        pull = Meaning("pull", known["force"], along)
+        controls = known["controls"]
+        names = tuple(f"change of {control.name}" for control in controls.components)
+        changes = Meaning("change", controls, names)
         before = self.previous
         numbered = enumerate(zip(self.steps, self.unknowns, strict=True), self.offset)
         for number, (step, u) in numbered:
             pulled = step.pull is not None and not self._is_known(step.pull[1])
             if pulled and step.pull is not None:
-                own = np.asarray(step.loads.tip_force) / self.force
-                rows = add.rows("pull", 3, lower=own, upper=own, step=number)
+                tip = np.asarray(step.loads.tip_force) / self.force
+                rows = add.rows(pull, 3, lower=tip, upper=tip, step=number)
                 add.linear(rows, u.tip_force)
                 strength = np.array([[-step.pull[0] / self.force]])
                 D = self.held[step.pull[1]]
@@ -212,13 +235,15 @@ class Window:
             change = step.change
             limited = change.limited
             lower, upper = change.lower[limited], change.upper[limited]
-            rows = add.rows("change", limited.size, lower=lower, upper=upper, step=number)
+            rows = add.rows(
+                changes, limited.size, lower=lower, upper=upper, step=number, controls=limited
+            )
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             before = u.x
 
     def goals(self) -> Iterator[Goal]:
-        """What the targets ask for, one entry for each position and direction."""
+        """Goals of the targets, one for each position and direction."""
         position, direction = self.motion.tolerance
         squared_scale = self.motion.position_scale**2
         for step, u in zip(self.steps, self.unknowns, strict=True):
@@ -238,33 +263,33 @@ class Window:
                         yield Goal(squared_direction(j), q, goal, weight, direction)
 
     def _tracking(self) -> None:
-        """Cost of the distance to targets (eq. 42, squared)."""
+        """Add the cost of the distance to targets (eq. 42, squared)."""
         tracking: dict[ca.Function, list[Goal]] = {}
         for goal in self.goals():
             tracking.setdefault(goal.function, []).append(goal)
         for function, goals in tracking.items():
             variables = np.stack([goal.variables for goal in goals], axis=-1)
             weighted = [np.append(goal.parameters, goal.weight) for goal in goals]
-            self._assembly.cost(function, variables, np.stack(weighted, axis=-1))
+            self._builder.cost(function, variables, np.stack(weighted, axis=-1))
 
-    def _economy(self, weights: Weights) -> None:
-        """Costs of effort and of rate of change."""
+    def _regularization(self, weights: Weights) -> None:
+        """Add the costs of effort and of rate of change."""
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
-        self._assembly.cost(
+        self._builder.cost(
             square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
         )
         per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
-        self._assembly.cost(
+        self._builder.cost(
             squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
         )
 
-    # --- in and out ------------------------------------------------------------------
+    # --- decision vector ---------------------------------------------------------------
 
     def pulls(self, shapes: Shape | None) -> np.ndarray:
-        """Pull of each step along its held direction, (H, 3) N, with directions of `shapes`.
+        """Pull of each step along its held direction, (H, 3) N, with the directions of `shapes`.
 
-        Without shapes, only those along directions that are known already.
+        Without shapes, only pulls along directions known from earlier windows.
         """
         forces = np.zeros((len(self.steps), 3))
         for t, step in enumerate(self.steps):
@@ -279,7 +304,7 @@ class Window:
         return forces
 
     def pack(self, x: np.ndarray, shapes: Shape) -> np.ndarray:
-        """Vector of all unknowns from those of the steps (H, muscles + 2) and shapes (H,)."""
+        """Decision vector from controls (H, muscles + 2) and the shapes (H,) of the steps."""
         trunk, L = self.motion.trunk, self.length
         full = np.zeros(self.bounds["lbx"].size)
         full[self.previous] = self.bounds["lbx"][self.previous]
@@ -309,7 +334,7 @@ class Window:
 
     @cached_property
     def _tracked(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices (n, 3) of the positions that targets ask for, and where they should be."""
+        """Indices (n, 3) of the positions with targets, and the targets (n, 3) in m."""
         pairs = [
             (u.points[target.Z][1], target.position)
             for step, u in zip(self.steps, self.unknowns, strict=True)
@@ -320,13 +345,13 @@ class Window:
         return np.array(indices, dtype=int).reshape(-1, 3), np.array(goals).reshape(-1, 3)
 
     def worst_error(self, full: np.ndarray) -> float:
-        """Largest distance in m between a target position and the trunk."""
+        """Largest distance in m between the trunk and a target position."""
         indices, goals = self._tracked
         errors = np.linalg.norm(full[indices] * self.length - goals, axis=1)
         return float(errors.max(initial=0.0))
 
     def target_errors(self, full: np.ndarray) -> tuple[np.ndarray, sp.csr_matrix]:
-        """Distances in m to all target positions, and their derivatives by all unknowns."""
+        """Distances (n,) in m to all target positions, and their Jacobian (n, variables)."""
         indices, goals = self._tracked
         offset = full[indices] * self.length - goals
         errors = np.linalg.norm(offset, axis=1)
@@ -336,13 +361,13 @@ class Window:
         return errors, sp.csr_matrix(slope, shape=(len(errors), full.size))
 
     def reached(self, full: np.ndarray) -> bool:
-        """Whether every target of positive weight is reached within the motion's tolerance."""
+        """Whether every target of positive weight is met within the motion's tolerance."""
         position, direction = self.motion.tolerance
         for step, u in zip(self.steps, self.unknowns, strict=True):
             for target in step.targets:
                 for j, d, _ in target.pairs():
-                    own = np.array(directors(full[u.points[target.Z][0]])[j])
-                    if not np.linalg.norm(own - self._goal(full, d)) <= direction:
+                    d_j = np.array(directors(full[u.points[target.Z][0]])[j])
+                    if not np.linalg.norm(d_j - self._goal(full, d)) <= direction:
                         return False
         return self.worst_error(full) <= position
 
@@ -353,7 +378,7 @@ class Window:
         return self.known[direction] if self._is_known(direction) else full[self.held[direction]]
 
     def states_of(self, full: np.ndarray) -> np.ndarray:
-        """Rod states of the steps, (H, elements, degree + 1, 7), in SI."""
+        """Rod states of the steps, (H, elements, degree + 1, 7), in SI units."""
         states = np.stack(
             [full[np.concatenate([u.edges[:-1, None], u.inner], axis=1)] for u in self.unknowns]
         )
@@ -361,7 +386,7 @@ class Window:
         return states
 
     def directions_of(self, full: np.ndarray) -> dict[HeldDirection, np.ndarray]:
-        """Value (3,) of each direction that this window defines for later steps."""
+        """Value (3,) of each direction that this window defines for later ones."""
         return {reference: full[D] for reference, D in self.held.items()}
 
     def tip_forces_of(self, full: np.ndarray) -> np.ndarray:

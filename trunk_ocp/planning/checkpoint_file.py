@@ -20,7 +20,7 @@ import numpy as np
 
 from .._support.toml_files import LONGEST_JSON, MOST_PARTS, parts_of, printable, read_bytes
 from ..errors import InputError
-from ..nlp.ipopt import Solve
+from ..nlp.outcome import Solve
 from ..problem.motion import Motion
 from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh

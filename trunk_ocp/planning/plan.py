@@ -13,7 +13,7 @@ import numpy as np
 from .._support.wording import rounded
 from ..errors import TrunkError
 from ..model.loads import Loads
-from ..nlp.ipopt import Solve, rank
+from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
@@ -255,7 +255,7 @@ class Plan:
         did on a finer mesh, and the last window counts.
         """
         solves = [solve for solve in self.solves if solve.stage == self.mode]
-        windows = [list(starts) for _, starts in itertools.groupby(solves, key=lambda s: s.what)]
+        windows = [list(starts) for _, starts in itertools.groupby(solves, key=lambda s: s.task)]
         failed = [starts for starts in windows if not any(solve.converged for solve in starts)]
         for starts in (*failed, *windows[-1:]) if not self.converged else ():
             return min((solve for solve in starts if not solve.converged), key=rank, default=None)

@@ -18,7 +18,8 @@ import numpy as np
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
 from ..errors import InputError
-from ..nlp.ipopt import ROUGH, Optimizer
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import ROUGH_OPTIONS
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -88,7 +89,7 @@ def plan_motion(
     _check_start(start, motion)
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
-    rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH, ends)
+    rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)

@@ -13,7 +13,8 @@ from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError, StaticsError
 from ..model.activation import strains
 from ..model.loads import Loads, vector
-from ..nlp.ipopt import CONVERGED, FEASIBLE, Optimizer, Outcome, rank
+from ..nlp.ipopt import Optimizer
+from ..nlp.outcome import CONVERGED_STATUSES, FEASIBILITY_TOL, Outcome, rank
 from ..nlp.window import Window
 from ..problem.motion import Bounds, Motion, Step, allowed
 from ..rod.collocation import Mesh
@@ -140,7 +141,7 @@ class PlanningRun:
         if start and start.converged and last == len(start.x) and start.mesh == self.mesh:
             kept = window.pack(start.x[first:last], start.part(first, last))
             unsolved = self.optimizer.evaluate(window, kept)
-            best = unsolved if unsolved.infeasibility <= FEASIBLE else None
+            best = unsolved if unsolved.infeasibility <= FEASIBILITY_TOL else None
         for number, (label, x) in enumerate(self._starts(first, last, previous)):
             reached = best is not None and converged and window.reached(best.full)
             if number >= self.options.starts and (reached or number > 1):
@@ -154,7 +155,7 @@ class PlanningRun:
         if best is None:
             raise AssertionError("every window has a start")
         # A start that no solve improves on counts as converged once some solve has converged.
-        return window, replace(best, message=CONVERGED[0]) if converged else best
+        return window, replace(best, message=CONVERGED_STATUSES[0]) if converged else best
 
     def _starts(
         self, first: int, last: int, previous: np.ndarray | None

@@ -17,7 +17,7 @@ import numpy as np
 
 from .._support.toml_files import printable
 from ..errors import InputError
-from ..nlp.ipopt import Solve
+from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
 from ..problem.motion import Motion
 

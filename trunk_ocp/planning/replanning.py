@@ -11,7 +11,8 @@ from .._support.blas_threads import one_thread
 from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
 from ..errors import InputError
-from ..nlp.ipopt import WARM, Optimizer
+from ..nlp.ipopt import Optimizer
+from ..nlp.ipopt_options import WARM_OPTIONS
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -53,7 +54,7 @@ class Replanner:
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimizer = Optimizer(
-            options.linear_solver, options.max_iterations, reporter or Reporter(), WARM
+            options.linear_solver, options.max_iterations, reporter or Reporter(), WARM_OPTIONS
         )
         window, _ = self._window(plan.motion)
         self._structure = window.structure
@@ -103,7 +104,7 @@ class Replanner:
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
         outcome = optimizer.solve(
-            window, last.full, "horizon", "re-plan", last.multipliers, newest=True
+            window, last.full, "horizon", "re-plan", last.multipliers, return_last=True
         )
         if outcome.converged and window.reached(outcome.full):
             self._last = outcome

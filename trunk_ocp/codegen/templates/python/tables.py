@@ -1,7 +1,7 @@
 """What a generated module has of its own: numbers and kernels, listed for those who read or lint.
 
-The arrays are those of `trunk_ocp.codegen.model.Tables`, in capitals; the kernels are
-`trunk_ocp.codegen.space_rod` in Python, `kernel(w, p, value, slopes, xp)`.
+The arrays are those of `trunk_ocp.codegen.shape_model.Tables`, in capitals; the kernels are
+`trunk_ocp.codegen.rod_space_axes` in Python, `kernel(w, p, value, slopes, xp)`.
 """
 
 from collections.abc import Callable

@@ -4,9 +4,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from trunk_ocp.codegen import casadi_function, space_rod
-from trunk_ocp.codegen.cases import cases, disagreements, resolved
-from trunk_ocp.codegen.model import MOST_POINTS, build_model, reference
+from trunk_ocp.codegen import casadi_function
+from trunk_ocp.codegen import rod_space_axes as kernels
+from trunk_ocp.codegen.check_cases import cases, disagreements, resolved
+from trunk_ocp.codegen.shape_model import MOST_POINTS, build_model, reference
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
@@ -45,7 +46,7 @@ def test_the_rod_in_space_axes_is_the_rod_in_its_directors():
         body = rod.rates()([*q, *m, *strain, *V], [*section, *force, *couple]).full().ravel()
         d = np.array(directors(q))
         w = [*q, *(d.T @ m), *strain, *(V + force), *couple]
-        space = space_rod.rates()(w, section).full().ravel()
+        space = kernels.rates()(w, section).full().ravel()
         np.testing.assert_allclose(space[:4], body[:4], atol=1e-14)
         np.testing.assert_allclose(space[7:], body[7:], atol=1e-14)
         # (d_i . M)' = d_i . M' + (u x ...)_i: differentiate d_i along q'.
@@ -65,28 +66,28 @@ def test_a_piece_of_the_unloaded_trunk_is_its_closed_form(trunk, size):
     activation *= size / theta  # theta is about proportional to it
     strain = strains(trunk, activation)[0]
     r, q = unloaded_states(trunk, activation, np.zeros(2), np.array([0.0, trunk.edges[1]]))
-    rho = space_rod.spiral()(strain, piece).full().ravel()
+    rho = kernels.spiral()(strain, piece).full().ravel()
     np.testing.assert_allclose(r[0] + np.array(directors(q[0])).T @ rho, r[1], atol=1e-14)
-    turn = space_rod.turn()(strain, piece[:1]).full().ravel()
+    turn = kernels.turn()(strain, piece[:1]).full().ravel()
     np.testing.assert_allclose(
         casadi_function._product()(q[0], turn).full().ravel(), q[1], atol=1e-14
     )
 
 
-@pytest.mark.parametrize("kernel", [space_rod.turn(), space_rod.spiral(), space_rod.rates()])
+@pytest.mark.parametrize("kernel", [kernels.turn(), kernels.spiral(), kernels.rates()])
 def test_slopes_and_second_derivatives_of_kernels_are_those_of_differences(kernel):
     rng = np.random.default_rng(201)
     w, p = rng.uniform(0.5, 1.0, kernel.size1_in(0)), rng.uniform(0.5, 1.0, kernel.size1_in(1))
     a, b = rng.uniform(-1, 1, (2, w.size))
 
     def slopes(at):
-        return space_rod.with_slopes(kernel)(at, p)[1].full()
+        return kernels.with_slopes(kernel)(at, p)[1].full()
 
     def values(at):
         return kernel(at, p).full().ravel()
 
     np.testing.assert_allclose(slopes(w) @ a, differences(values, w, a, 1e-3), atol=1e-10)
-    second = space_rod.second_along(kernel)(w, p, a, b).full().ravel()
+    second = kernels.second_along(kernel)(w, p, a, b).full().ravel()
     np.testing.assert_allclose(second, differences(slopes, w, b, 1e-3) @ a, atol=1e-9)
 
 

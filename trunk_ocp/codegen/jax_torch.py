@@ -5,9 +5,9 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
+from .headers import template
 from .numpy_module import CHECK, NAME, check_text, module_text, run_check
 from .request import Request, ToolMissingError
-from .texts import template
 
 
 def write_jax(request: Request) -> dict[str, str | bytes]:

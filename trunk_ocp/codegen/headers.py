@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from .._support.provenance import versions
-from .foreign import in_comment
-from .model import OUTPUTS
+from .escaping import in_comment
 from .request import Request
+from .shape_model import OUTPUTS
 
 TEMPLATES = Path(__file__).parent / "templates"
 

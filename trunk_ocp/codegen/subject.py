@@ -1,4 +1,4 @@
-"""What `trunk-ocp export` is asked about: a problem or an anatomy, shipped or a file."""
+"""Subject of an export: a problem or an anatomy, shipped or from a file."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from ..problem.motion import Motion
 
 
 def load_subject(name_or_path: str) -> Motion | Trunk:
-    """A motion or a trunk, by a shipped name or a file of either kind.
+    """A motion or a trunk, from a shipped name or a file of either kind.
 
     Raises
     ------
     InputError
-        If it is none of them, or if the file is faulty.
+        If there is no such name or file, or the file is invalid.
     """
     path = shipped(name_or_path, anatomies_folder(), problems_folder())
     return load_motion(path) if _is_problem(path) else load_anatomy(path)
 
 
 def _is_problem(path: Path) -> bool:
-    """Whether a file is a problem; one that cannot be read may be told so by either reader."""
+    """Whether a file is a problem; either reader reports a file that cannot be parsed."""
     try:
         content = tomllib.loads(read_bytes(path, LARGEST_FILE).decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from .own_files import NAMES
+from .manifest import NAMES
 from .request import CheckError, ToolMissingError
 
 PATIENCE = 120.0

@@ -18,8 +18,8 @@ from ..model.activation import strains
 from ..model.anatomy import Trunk
 from ..model.loads import mass_beyond
 from . import casadi_function
-from .model import Layout, Model, reference
 from .request import Request
+from .shape_model import Layout, Model, reference
 
 ANY = 8  # cases of any activations, head angles and loads
 TURNS = (0.9, 1.1)  # rad that the sharpest element turns by in two more: see `turning`
@@ -36,7 +36,7 @@ def cases(model: Model) -> np.ndarray:
     """Inputs x (B, size), always the same ones for a model.
 
     The passive trunk; activations, head angles and loads of all kinds, up to what motions have;
-    shapes that turn by about 1 rad in an element, where the kernels of `space_rod` change from
+    shapes that turn by about 1 rad in an element, where the kernels of `rod_space_axes` change from
     series to closed forms. Where Newton's method does not get there from the
     unloaded shape, a case is made milder.
     """
@@ -159,7 +159,7 @@ def disagreements(value: np.ndarray, expected: np.ndarray, layout: Layout) -> di
     return worst
 
 
-def check_files(request: Request, loaded: bool) -> dict[str, str]:
+def check_files(request: Request) -> dict[str, str]:
     """check_unloaded.csv and, with loaded shapes, check.csv: a case a row, numbers by commas.
 
     check.csv: x, y; for a Jacobian dy/dx row by row; if the second derivative is asked for a
@@ -171,9 +171,7 @@ def check_files(request: Request, loaded: bool) -> dict[str, str]:
     rows = [controls, _values(free, controls)]
     if slopes:
         rows.append(_derivatives(casadi_function.jacobian(free), controls))
-    files = {"check_unloaded.csv": _csv(np.hstack(rows))}
-    if not loaded:
-        return files
+    unloaded = _csv(np.hstack(rows))
     x, function = cases(request.model), casadi_function.loaded(request.model)
     rows = [x, reference(request.model, x).reshape(len(x), -1)]
     if slopes:
@@ -182,7 +180,7 @@ def check_files(request: Request, loaded: bool) -> dict[str, str]:
         v = np.random.default_rng(21).uniform(-1, 1, x.shape)
         along = casadi_function.second(function)
         rows += [v, np.array([_flat(along(a, b)) for a, b in zip(x, v, strict=True)])]
-    return files | {"check.csv": _csv(np.hstack(rows))}
+    return {"check_unloaded.csv": unloaded, "check.csv": _csv(np.hstack(rows))}
 
 
 def _values(function: ca.Function, x: np.ndarray) -> np.ndarray:

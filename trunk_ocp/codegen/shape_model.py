@@ -1,7 +1,7 @@
 """What is exported: one trunk, a contact region, some points Z - as numbers in a plain order.
 
 Every format evaluates the same map x -> y, the shape of the trunk at the points Z, and its
-derivatives. The order of x and y is in `Layout`; the numbers that the kernels of `space_rod`
+derivatives. The order of x and y is in `Layout`; the numbers that the kernels of `rod_space_axes`
 need at each place are in `Tables`.
 """
 
@@ -27,7 +27,7 @@ from ..model.anatomy import Trunk
 from ..model.loads import Loads, contact_share, couple_density, internal_force, mass_beyond, vector
 from ..rod.collocation import Mesh, gauss, mesh_for
 from ..rod.statics import solve_statics
-from .space_rod import MOMENTS
+from .rod_space_axes import MOMENTS
 
 DEGREE = 6
 FEWEST, MOST = 6, 100
@@ -105,14 +105,15 @@ class Tables:
     widths : (E,)
         In m; `A` (d, d) and `b` (d,) are the weights of the Gauss method.
     section, edge_section : (E, d, 5), (E + 1, 5)
-        f(Z), K_0, K_1, K_2, K_3 at Gauss points and edges: p of `space_rod.rates`.
+        f(Z), K_0, K_1, K_2, K_3 at Gauss points and edges: p of `rod_space_axes.rates`.
     force, edge_force : (E, d, 3), (E + 1, 3)
         Mass in kg beyond Z, share of the contact force beyond Z, couple density of a unit
         contact couple in 1/m: N = g mass e_Z + V + share W and l = density L.
     reach : (E, d)
-        Stretched length from the element's start to its Gauss points in m, for `space_rod.turn`.
+        Stretched length in m from an element's start to its Gauss points, for
+        `rod_space_axes.turn`.
     piece : (E, 4 + 21)
-        p of `space_rod.spiral` for each element; `piece[:, 0]` is its stretched length.
+        p of `rod_space_axes.spiral` for each element; `piece[:, 0]` is its stretched length.
     """
 
     strain: np.ndarray
@@ -204,7 +205,7 @@ class Model:
         return -np.log1p(-k * (Z - start) / f) / k if k > 0 else (Z - start) / f
 
     def _piece(self, start: float, end: float) -> np.ndarray:
-        """Parameters of `space_rod.spiral` from start to end."""
+        """Parameters of `rod_space_axes.spiral` from start to end."""
         trunk = self.trunk
         nodes, weights = np.polynomial.legendre.leggauss(40)  # l^20 is smooth: round-off
         Z = start + (end - start) * (1 + nodes) / 2
