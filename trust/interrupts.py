@@ -162,7 +162,9 @@ def wrong_plans(folder: Path, whole: dict[str, bytes]) -> str:
 def wrong_answer(ended: Ended, usual: str) -> str:
     """What is wrong with what `plan_motion` came to, or nothing."""
     first, *rest = ended.output.splitlines() or [""]
-    if ended.code or not first.startswith(("KeyboardInterrupt", "INTERRUPTED", usual)):
+    over = ended.code == -signal.SIGINT and first == usual  # in Python's own end, after the answer
+    told = first.startswith(("KeyboardInterrupt", "INTERRUPTED", usual))
+    if (ended.code and not over) or not told:
         return f"{first or ended.errors[-300:]} instead of {usual}"
     return "" if rest in ([], ["again SOLVED"]) else f"then {rest}"
 
@@ -204,7 +206,8 @@ class Trials:
     def _note(self, name: str, kind: str, delay: float, ended: Ended, wrong: str) -> None:
         tally = self.tally
         tally.trials += 1
-        tally.outcomes[f"{kind}, exit code {ended.code}"] += 1
+        answer = f", {ended.output.split()[0]}" if name in SCRIPTS and ended.output else ""
+        tally.outcomes[f"{kind}, exit code {ended.code}{answer}"] += 1
         if kind == "twice" and ended.code == 4:
             tally.slowest = max(tally.slowest, ended.seconds)
         if wrong:
@@ -215,6 +218,8 @@ class Trials:
 def measure(count: int, seed: int, names: list[str]) -> dict[str, Any]:
     """Counts of `count` trials of each command and call."""
     began = time.perf_counter()
+    # What a shell starts in the background ignores Ctrl-C, and so would all that is tried here.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory() as name:
         trials = Trials(Path(name), seed)
         for number, what in enumerate(names, 1):
