@@ -1,0 +1,53 @@
+"""Sphinx settings. `make docs` builds the site in docs/_build; every example on it is run."""
+
+import os
+import sys
+import tempfile
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+# Commands on the pages are those of this environment, on one core each, in a text of fixed width.
+os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "96"}
+os.environ.setdefault("MPLCONFIGDIR", tempfile.mkdtemp())
+
+project = "trunk_ocp"
+author = "the trunk_ocp developers"
+version = release = version_of("trunk_ocp")
+html_title = f"trunk_ocp {release}"
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "live_examples",
+    "from_code",
+]
+exclude_patterns = ["_build", "_ext", "figures"]
+html_theme = "furo"
+templates_path: list[str] = []
+
+myst_enable_extensions = ["amsmath", "dollarmath", "deflist"]
+myst_heading_anchors = 3
+
+# Examples: an error in one of them is an error of the build.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+# Docstrings: numpy style; single backticks are code.
+default_role = "literal"
+napoleon_numpy_docstring = True
+napoleon_google_docstring = False
+napoleon_use_param = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_class_signature = "mixed"
+nitpicky = True
+suppress_warnings = ["config.cache"]
