@@ -3,9 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 TESTABLE := .venv/testable
+DOCUMENTABLE := .venv/documentable
 OLDEST := .venv-oldest
 
-.PHONY: venv motion results test oldest frameworks trust study examples lint bench schema clean
+.PHONY: venv motion results test oldest frameworks trust study examples docs lint bench schema clean
 
 venv: $(READY)
 
@@ -59,6 +60,14 @@ study: venv
 # The exported trunk in a control loop.
 examples: venv
 	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
+
+# The documentation, in docs/_build/index.html; every example in it is run. A warning is an error.
+docs: venv $(DOCUMENTABLE)
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -j 1 -q docs docs/_build
+
+$(DOCUMENTABLE): requirements-docs.txt | $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
+	touch $@
 
 lint: venv
 	$(BIN)/ruff check .

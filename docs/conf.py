@@ -14,7 +14,7 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "
 os.environ.setdefault("MPLCONFIGDIR", tempfile.mkdtemp())
 
 project = "trunk_ocp"
-author = "the trunk_ocp developers"
+author = "the trunk_ocp authors"
 version = release = version_of("trunk_ocp")
 html_title = f"trunk_ocp {release}"
 

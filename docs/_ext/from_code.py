@@ -1,10 +1,10 @@
 """Directives that write reference pages from the code itself.
 
-    ```{keys} trunk_ocp.problem.problem_file.ProblemSpec     tables of the keys of a file
-    ```{commands}                                            every command with its options
-    ```{modules} rod                                         modules of a folder, a line each
-    ```{api}                                                 public names (one a line) with their docs
-    ```{api} rest                                            all that no other {api} on the page names
+```{keys} trunk_ocp.problem.problem_file.ProblemSpec     tables of the keys of a file
+```{commands}                                            every command with its options
+```{modules} rod                                         modules of a folder, a line each
+```{api}                                                 public names (one a line) with their docs
+```{api} rest                                            all that no other {api} on the page names
 """
 
 import ast
@@ -16,7 +16,6 @@ from typing import Any, Union, get_args, get_origin
 
 import click
 from docutils import nodes
-from docutils.parsers.rst import directives
 from pydantic import BaseModel
 from sphinx import addnodes
 from sphinx.application import Sphinx
@@ -35,10 +34,12 @@ class Generated(SphinxDirective):
     has_content = True
 
     def run(self) -> list[nodes.Node]:
+        """Parse the Markdown."""
         text = "\n".join(self.markdown())
         return self.parse_text_to_nodes(text, allow_section_headings=True)
 
     def markdown(self) -> list[str]:
+        """Lines that replace the directive."""
         raise NotImplementedError
 
 
@@ -62,9 +63,8 @@ def prose(docstring: str | None) -> str:
 class Keys(Generated):
     """A section for each part of a file."""
 
-    option_spec = {"whole": directives.unchanged}
-
     def markdown(self) -> list[str]:
+        """Lines that replace the directive."""
         module, name = self.arguments[0].rsplit(".", 1)
         model = getattr(import_module(module), name)
         return _section(model, "", "Top level")
@@ -83,7 +83,11 @@ def _section(model: type[BaseModel], path: str, title: str) -> list[str]:
             kind = f"see `{header}`"
         else:
             kind = _words(schema["properties"][key], schema.get("$defs", {}))
-        default = "required" if field.is_required() else _default(field.get_default(call_default_factory=True))
+        default = (
+            "required"
+            if field.is_required()
+            else _default(field.get_default(call_default_factory=True))
+        )
         rows.append([f"`{key}`", kind, default, field.description or ""])
     table_rows = table(["key", "value", "if left out", "meaning"], rows)
     return [f"## {title}", "", prose(model.__doc__), "", *table_rows, *parts]
@@ -131,7 +135,9 @@ def _words(schema: dict[str, Any], defs: dict[str, Any]) -> str:
         limits = [f"{sign} {schema[key]:g}" for key, sign in LIMITS.items() if key in schema]
         return " ".join([noun, " and ".join(limits)]).strip()
     if kind == "object" and "properties" in schema:
-        keys = ", ".join(f"{key} = {_words(part, defs)}" for key, part in schema["properties"].items())
+        keys = ", ".join(
+            f"{key} = {_words(part, defs)}" for key, part in schema["properties"].items()
+        )
         return f"{{ {keys} }}"
     if kind == "object":
         return f"name = {_words(schema['additionalProperties'], defs)}, ..."
@@ -151,6 +157,7 @@ class Commands(Generated):
     """Every command with its help text and options."""
 
     def markdown(self) -> list[str]:
+        """Lines that replace the directive."""
         from trunk_ocp.cli.commands import main, solve
 
         group = click.Context(main, info_name="trunk-ocp")
@@ -183,6 +190,7 @@ class Modules(Generated):
     """The modules of a folder of the package, with the first line of their docstrings."""
 
     def markdown(self) -> list[str]:
+        """Lines that replace the directive."""
         folder = PACKAGE / self.arguments[0]
         rows = []
         for path in sorted(folder.rglob("*.py")):
@@ -200,6 +208,7 @@ class Api(Generated):
     """Public names with their docstrings; a second name of the same object says so."""
 
     def markdown(self) -> list[str]:
+        """Lines that replace the directive."""
         shown = self.env.temp_data.setdefault("api", {})
         names = [line.strip() for line in self.content if line.strip()]
         if self.arguments == ["rest"]:
@@ -221,13 +230,13 @@ class Api(Generated):
         return lines
 
 
-def plain(
-    app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]
-) -> None:
+def plain(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are prose with code in backticks: nothing else in them is markup."""
     for i, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
-        parts[::2] = [re.sub(r"(?<=\w)_(?=\W|$)|[|*](?=\S)", r"\\\g<0>", part) for part in parts[::2]]
+        parts[::2] = [
+            re.sub(r"(?<=\w)_(?=\W|$)|[|*](?=\S)", r"\\\g<0>", part) for part in parts[::2]
+        ]
         if not re.match(r"\s*(:|\.\. )", line):
             lines[i] = "".join(parts)
 
@@ -252,7 +261,13 @@ def resolve(
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    for name, directive in {"keys": Keys, "commands": Commands, "modules": Modules, "api": Api}.items():
+    """Register the directives."""
+    for name, directive in {
+        "keys": Keys,
+        "commands": Commands,
+        "modules": Modules,
+        "api": Api,
+    }.items():
         app.add_directive(name, directive)
     # Before napoleon, which adds markup of its own.
     app.connect("autodoc-process-docstring", plain, priority=100)

@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -32,6 +32,7 @@ class Example(SphinxDirective):
 
     @property
     def folder(self) -> Path:
+        """Folder of the page's example."""
         folder = _root / self.env.docname
         folder.mkdir(parents=True, exist_ok=True)
         return folder
@@ -43,27 +44,31 @@ class File(Example):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
+        """Write and show the file."""
         name, text = self.arguments[0], "\n".join(self.content) + "\n"
         (self.folder / name).write_text(text)
         block = nodes.literal_block(text, text, language=Path(name).suffix[1:] or "text")
         caption = nodes.caption(name, "", nodes.literal(name, name))
         return [
-            nodes.container("", caption, block, literal_block=True, classes=["literal-block-wrapper"])
+            nodes.container(
+                "", caption, block, literal_block=True, classes=["literal-block-wrapper"]
+            )
         ]
 
 
 class Shell(Example):
     """Commands and what they print."""
 
-    option_spec = {
+    option_spec: ClassVar = {
         "exit": directives.nonnegative_int,
         "setup": directives.unchanged,
         "lines": directives.positive_int,
     }
 
     def run(self) -> list[nodes.Node]:
-        for command in filter(None, [self.options.get("setup")]):
-            self._output(command, None)
+        """Run the commands and show them with their output."""
+        if "setup" in self.options:
+            self._output(self.options["setup"], None)
         shown, last = [], len(self.content) - 1
         for number, command in enumerate(self.content):
             output = self._output(command, self.options.get("exit", 0) if number == last else 0)
@@ -91,6 +96,7 @@ class Shell(Example):
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directives."""
     app.add_directive("file", File)
     app.add_directive("shell", Shell)
     app.connect("build-finished", lambda app, error: shutil.rmtree(_root, ignore_errors=True))
