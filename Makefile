@@ -61,9 +61,9 @@ study: venv
 examples: venv
 	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
 
-# The documentation, in docs/_build/index.html; every example in it is run. A warning is an error.
+# The documentation, in docs/_build/html/index.html; every example in it is run. A warning is an error.
 docs: venv $(DOCUMENTABLE)
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going -j 1 -q docs docs/_build
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs docs/_build/html
 
 $(DOCUMENTABLE): requirements-docs.txt | $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt

@@ -32,7 +32,7 @@ def main() -> None:
     """Time everything and write the table."""
     trunk = to.load_anatomy("asian-elephant")
     lines = [
-        "| program | points Z | contact | elements | near the last shape | from anew |",
+        "| program | points Z | contact | elements | near the last shape | from scratch |",
         "|---|---|---|---|---|---|",
     ]
     for contact in (None, 1.4):

@@ -1,5 +1,6 @@
 """Sphinx settings. `make docs` builds the site in docs/_build; every example on it is run."""
 
+import logging
 import os
 import sys
 import tempfile
@@ -12,6 +13,12 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "96"}
 os.environ.setdefault("MPLCONFIGDIR", tempfile.mkdtemp())
+os.environ["IPYTHONDIR"] = tempfile.mkdtemp()
+_kernel = Path(os.environ["IPYTHONDIR"]) / "profile_default" / "ipython_kernel_config.py"
+_kernel.parent.mkdir()
+_kernel.write_text("get_config().IPKernelApp.log_level = 40\n")  # errors only
+
+logging.getLogger("traitlets").setLevel(logging.WARNING)  # of nbclient
 
 project = "trunk_ocp"
 author = "the trunk_ocp authors"
@@ -27,6 +34,7 @@ extensions = [
     "from_code",
 ]
 exclude_patterns = ["_build", "_ext", "figures"]
+smartquotes = False  # they would make one dash of the two of an option
 html_theme = "furo"
 templates_path: list[str] = []
 

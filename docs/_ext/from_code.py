@@ -52,9 +52,11 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
     return [line(head), line(["---"] * len(head)), *map(line, rows), ""]
 
 
-def prose(docstring: str | None) -> str:
-    """A docstring as Markdown."""
-    return re.sub(r"\*", r"\\*", re.sub(r" *\n *(?=\S)", "\n", (docstring or "").strip()))
+def prose(text: str | None) -> str:
+    """A docstring, description or help text as Markdown: code in backticks is its only markup."""
+    parts = re.split(r"(`[^`]*`)", re.sub(r" *\n *(?=\S)", "\n", (text or "").strip()))
+    parts[::2] = [re.sub(r"[*_\[<]", r"\\\g<0>", part) for part in parts[::2]]
+    return "".join(parts)
 
 
 # --- keys of files -------------------------------------------------------------------------
@@ -88,7 +90,7 @@ def _section(model: type[BaseModel], path: str, title: str) -> list[str]:
             if field.is_required()
             else _default(field.get_default(call_default_factory=True))
         )
-        rows.append([f"`{key}`", kind, default, field.description or ""])
+        rows.append([f"`{key}`", kind, default, prose(field.description)])
     table_rows = table(["key", "value", "if left out", "meaning"], rows)
     return [f"## {title}", "", prose(model.__doc__), "", *table_rows, *parts]
 
@@ -174,8 +176,9 @@ def _command(command: click.Command, context: click.Context) -> list[str]:
     usage = command.get_usage(context).removeprefix("Usage: ")
     rows = []
     for parameter in command.get_params(context):
-        if record := parameter.get_help_record(context):
-            rows.append([f"`{record[0]}`", record[1].replace("[", "\\[")])
+        record = parameter.get_help_record(context)
+        if record and isinstance(parameter, click.Option):
+            rows.append([f"`{record[0]}`", prose(record[1])])
     text = prose((command.help or "").replace("\b", ""))
     return [
         f"## {context.command_path}", "", "```text", usage, "```", "", text, "",
@@ -232,6 +235,8 @@ class Api(Generated):
 
 def plain(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are prose with code in backticks: nothing else in them is markup."""
+    if what in ("property", "attribute"):
+        lines.insert(0, "")  # napoleon takes what is before a colon on the first line for a type
     for i, line in enumerate(lines):
         parts = re.split(r"(`[^`]*`)", line)
         parts[::2] = [
@@ -239,6 +244,13 @@ def plain(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list
         ]
         if not re.match(r"\s*(:|\.\. )", line):
             lines[i] = "".join(parts)
+
+
+def outside(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Links to files outside docs/, which the site does not have, become their names."""
+    text = source[0].replace("(../results/benchmarks.md)", "(/benchmarks.md)")
+    folders = "trust|trunk_ocp|results|problems|examples"
+    source[0] = re.sub(rf"(?<!!)\[([^\]]+)\]\((?:\.\./)+(?:{folders})[^)]*\)", r"`\1`", text)
 
 
 def resolve(
@@ -256,8 +268,8 @@ def resolve(
         )
         if found:
             return found[0][1]
-    written_by_hand = node.get("refexplicit") is None
-    return None if written_by_hand else text
+    in_prose = "refexplicit" in node and "refspecific" not in node
+    return None if in_prose else text
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -271,5 +283,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
         app.add_directive(name, directive)
     # Before napoleon, which adds markup of its own.
     app.connect("autodoc-process-docstring", plain, priority=100)
+    app.connect("source-read", outside)
     app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True}
