@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 # Commands on the pages are those of this environment, on one core each, in a text of fixed width.
 os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "96"}
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "88"}
 os.environ.setdefault("MPLCONFIGDIR", tempfile.mkdtemp())
 os.environ["IPYTHONDIR"] = tempfile.mkdtemp()
 _kernel = Path(os.environ["IPYTHONDIR"]) / "profile_default" / "ipython_kernel_config.py"

@@ -15,6 +15,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+import textwrap
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,6 +24,8 @@ from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+WIDTH = 90
+"""Characters of a line of output."""
 _root = Path(tempfile.mkdtemp(prefix="docs-"))
 
 
@@ -93,9 +96,17 @@ class Shell(Example):
                 f"{command!r} ended with {done.returncode}, not {code}:\n{done.stdout}",
                 line=self.lineno,
             )
-        lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", done.stdout).rstrip().split("\n")
+        text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", done.stdout).rstrip()
+        lines = [part for line in text.split("\n") for part in _wrapped(line)]
         most = self.options.get("lines", len(lines))
-        return "\n".join(line.rstrip() for line in [*lines[:most], *["..."][: len(lines) > most]])
+        return "\n".join([*lines[:most], *["..."][: len(lines) > most]])
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line in parts that fit a page."""
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    whole = len(line) <= WIDTH
+    return [line.rstrip()] if whole else textwrap.wrap(line, WIDTH, subsequent_indent=indent)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
