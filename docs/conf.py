@@ -21,7 +21,7 @@ _kernel.write_text("get_config().IPKernelApp.log_level = 40\n")  # errors only
 logging.getLogger("traitlets").setLevel(logging.WARNING)  # of nbclient
 
 project = "trunk_ocp"
-author = "the trunk_ocp authors"
+author = "the trunk_ocp developers"
 version = release = version_of("trunk_ocp")
 html_title = f"trunk_ocp {release}"
 

@@ -212,19 +212,20 @@ class Api(Generated):
 
     def markdown(self) -> list[str]:
         """Lines that replace the directive."""
-        shown = self.env.temp_data.setdefault("api", {})
+        shown = self.env.temp_data.setdefault("api", set())
         names = [line.strip() for line in self.content if line.strip()]
         if self.arguments == ["rest"]:
-            names = sorted(set(trunk_ocp.__all__) - set(shown.values()))
+            names = sorted(set(trunk_ocp.__all__) - shown)
+        shown.update(names)
         lines = []
         for name in names:
             if name not in trunk_ocp.__all__:
                 self.state.document.reporter.warning(f"{name} is not public", line=self.lineno)
                 continue
             value = getattr(trunk_ocp, name)
-            first = shown.setdefault(id(value), name)
-            if first != name:
-                lines += [f"`{name}` is the earlier name of {{obj}}`trunk_ocp.{first}`.", ""]
+            current = value.__name__
+            if current != name and current in trunk_ocp.__all__:
+                lines += [f"`{name}` is the earlier name of `{current}`.", ""]
                 continue
             kind = "class" if isinstance(value, type) else "function"
             lines += ["```{eval-rst}", f".. auto{kind}:: trunk_ocp.{name}"]

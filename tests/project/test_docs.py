@@ -103,6 +103,7 @@ def test_result_files_that_a_table_names_are_written_by_this_program(name):
 # --- examples ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_documented_motion_is_solved(tmp_path):
     (block,) = blocks(page("docs/how-to/new-motion.md"), "{file} scratch.toml")
     path = tmp_path / "scratch.toml"
@@ -126,6 +127,7 @@ def test_every_other_problem_in_the_documentation_is_read(tmp_path):
         assert to.load_motion(path).steps
 
 
+@pytest.mark.slow
 def test_what_the_readme_shows_in_python_runs(tmp_path, monkeypatch):
     (block,) = blocks(page("README.md"), "python")
     monkeypatch.chdir(tmp_path)
@@ -147,6 +149,7 @@ FAILURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAILURES)
 def test_what_fails_in_the_documentation_fails_with_that_status(tmp_path, name):
     """What `explain` says of it is made when the documentation is built."""
