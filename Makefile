@@ -8,7 +8,7 @@ PIP := -m pip install --quiet --disable-pip-version-check
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 TESTS := --numprocesses=2
 
-.PHONY: help venv motion results test test-fast test-oldest coverage lint docs frameworks trust \
+.PHONY: help venv motion pictures results test test-fast test-oldest coverage lint docs frameworks trust \
   study examples bench schema lock clean
 
 help:  ## List these targets.
@@ -24,6 +24,9 @@ $(READY): pyproject.toml requirements.lock
 
 motion: venv  ## Plan pick-fruit and draw it, in results/pick-fruit.
 	$(BIN)/solve-motion pick-fruit
+
+pictures: venv  ## Draw the pictures of the documentation.
+	$(BIN)/python docs/pictures.py
 
 results: venv  ## Plan all shipped motions, sequential and horizon, in results/study.
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
@@ -52,7 +55,10 @@ lint: venv  ## Check style, types, and the borders between layers.
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-frameworks: venv  ## Add JAX and PyTorch, which are large; without them the tests of their exports are skipped.
+docs: venv  ## Build the documentation in docs/_build/html; every example in it is run.
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs docs/_build/html
+
+frameworks: venv  ## Add JAX and PyTorch, for the tests of their exports.
 	$(BIN)/python $(PIP) --editable '.[jax,torch]'
 
 trust: venv  ## Try to make it fail: damaged files, interrupts, extreme trunks. TRUST=--inputs=... for more.

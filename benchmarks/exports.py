@@ -1,7 +1,7 @@
 """How long the exported trunk takes: `python -m benchmarks.exports`, a minute on a quiet machine.
 
 Exports the elephant for 1, 3 and 10 points, with and without contact, compiles what has to be,
-and times a shape with its whole Jacobian. Writes the table of docs/exports.md.
+and times a shape with its whole Jacobian. Writes the table of docs/how-to/exports.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 import trunk_ocp as to
 from trunk_ocp._support.atomic_files import write
 
-PAGE = Path(__file__).parent.parent / "docs" / "exports.md"
+PAGE = Path(__file__).parent.parent / "docs" / "how-to" / "exports.md"
 START, END = "<!-- speed: python -m benchmarks.exports -->\n", "<!-- end -->"
 POINTS = {1: [1.75], 3: [0.5, 1.1, 1.75], 10: [0.175 * (i + 1) for i in range(10)]}
 COMPILERS = {"C, `-O3`": ["-O3"]}
@@ -32,7 +32,7 @@ def main() -> None:
     """Time everything and write the table."""
     trunk = to.load_anatomy("asian-elephant")
     lines = [
-        "| program | points Z | contact | elements | near the last shape | from anew |",
+        "| program | points Z | contact | elements | near the last shape | from scratch |",
         "|---|---|---|---|---|---|",
     ]
     for contact in (None, 1.4):

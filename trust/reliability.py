@@ -75,7 +75,7 @@ The text of a status is what the command prints; `plan_motion`, `load_plan` and 
 | --- | --- | --- |
 {statuses}
 
-[When it fails](when-it-fails.md) says what each means and what to do.
+[When a plan fails](how-to/when-it-fails.md) says what each means and what to do.
 
 ## What this does not show
 

@@ -1,18 +1,111 @@
 """What the documentation shows must work as shown."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import trunk_ocp as to
+from trunk_ocp.cli.commands import main, solve
+from trunk_ocp.planning.results_folder import OF_PLAN, OF_RUN
 
 ROOT = Path(__file__).parents[2]
+FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+PAGES = [*FRONT, *(str(p.relative_to(ROOT)) for p in sorted((ROOT / "docs").rglob("*.md")))]
+PAGES = [page for page in PAGES if "_build" not in page]
 
 
+def page(name):
+    return (ROOT / name).read_text()
+
+
+def blocks(text, language):
+    """Contents of the fenced blocks that begin with a word or directive."""
+    return re.findall(rf"```{re.escape(language)}[^\n]*\n(.*?)```", text, re.DOTALL)
+
+
+def anchors(text):
+    """Anchors of the headings of a page, as GitHub and the site make them."""
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+# --- links and files ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_link_to_a_file_of_this_project_leads_to_one(name):
+    broken = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", page(name)):
+        if link.startswith(("http", "mailto:")):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (ROOT / name).parent / path if path else ROOT / name
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text())):
+            broken.append(link)
+    assert not broken
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_file_of_the_package_that_a_page_names_exists(name):
+    named = re.findall(r"`((?:trunk_ocp|tests|problems|docs|trust)/[\w./-]*)`", page(name))
+    assert not [path for path in named if not (ROOT / path).exists()]
+
+
+def test_what_the_architecture_page_says_to_look_for_is_in_that_file():
+    rows = re.findall(
+        r"^\| .* \| `(trunk_ocp/\S+)` \| (.+) \|$", page("docs/architecture.md"), re.M
+    )
+    assert len(rows) > 15
+    missing = [
+        (path, word)
+        for path, words in rows
+        for word in re.findall(r"`(\w+)`", words)
+        if not re.search(rf"\b{word}\b", (ROOT / path).read_text())
+    ]
+    assert not missing
+
+
+def test_every_layer_is_on_the_architecture_page():
+    folders = {path.parent.name for path in (ROOT / "trunk_ocp").glob("*/__init__.py")}
+    text = page("docs/architecture.md")
+    assert not [name for name in folders if f"`{name}/`" not in text]
+
+
+# --- commands and result files -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_command_and_option_that_a_page_shows_exists(name):
+    known = {command: main.get_command(None, command) for command in main.list_commands(None)}
+    known["solve-motion"] = solve
+    shown = re.findall(r"(?:trunk-ocp (\w+)|(solve-motion))((?: [^\s`#|]+)*)", page(name))
+    wrong = []
+    for verb, plain, words in shown:
+        command = known.get(plain or verb)
+        options = {name for p in command.params for name in p.opts} if command else set()
+        options |= {"--help", "--version"}
+        used = re.findall(r"(?<= )--[\w-]+", words)
+        wrong += [verb or plain] * (command is None) + [o for o in used if o not in options]
+    assert not [word for word in wrong if word not in ("NAME", "VERB")]
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/reference/results.md"])
+def test_result_files_that_a_table_names_are_written_by_this_program(name):
+    named = re.findall(r"^\| `(?:MODE/)?([\w-]+\.\w+)`", page(name), re.MULTILINE)
+    known = {"summary.json", "activations.csv", "solution.nc", "source.json", "resume.npz"}
+    patterns = [OF_PLAN["."], OF_RUN["."]]
+    assert "summary.json" in named
+    assert not [n for n in named if n not in known and not any(p.fullmatch(n) for p in patterns)]
+
+
+# --- examples ------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
 def test_the_documented_motion_is_solved(tmp_path):
-    text = (ROOT / "docs" / "new-motion.md").read_text()
-    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    (block,) = blocks(page("docs/how-to/new-motion.md"), "{file} scratch.toml")
     path = tmp_path / "scratch.toml"
     path.write_text(block)
     plan = to.plan_motion(to.load_motion(path))
@@ -20,24 +113,28 @@ def test_the_documented_motion_is_solved(tmp_path):
     assert len(plan.x) == 6
 
 
-def test_the_documented_keys_are_those_of_the_format():
-    text = (ROOT / "docs" / "new-motion.md").read_text()
-    schema = to.problem_schema()
-    known = {key for part in schema["$defs"].values() for key in part["properties"]}
-    known |= set(schema["properties"])
-    shown = {key for key in known if re.search(rf"\b{key}\b", text)}
-    missing = known - shown - {"phases", "targets", "wrap", "loads"}
-    assert not missing
+def test_every_other_problem_in_the_documentation_is_read(tmp_path):
+    shown = [
+        block
+        for name in PAGES
+        for block in blocks(page(name), "{file} ")
+        if "phases" in tomllib.loads(block)
+    ]
+    assert len(shown) > 2
+    for number, block in enumerate(shown):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(block)
+        assert to.load_motion(path).steps
 
 
+@pytest.mark.slow
 def test_what_the_readme_shows_in_python_runs(tmp_path, monkeypatch):
-    text = (ROOT / "README.md").read_text()
-    (block,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (block,) = blocks(page("README.md"), "python")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(block, names)
     assert names["plan"].status is to.Status.SOLVED
-    assert names["shapes"].found.all()
+    assert names["dr"].shape == (3, 30)
     assert (tmp_path / "results" / "mine" / "solution.nc").exists()
 
 
@@ -52,11 +149,12 @@ FAILURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAILURES)
-def test_what_fails_in_the_documentation_fails_as_shown(tmp_path, name):
-    """Status, findings and advice; line breaks aside."""
-    text = (ROOT / "docs" / "when-it-fails.md").read_text()
-    (block,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+def test_what_fails_in_the_documentation_fails_with_that_status(tmp_path, name):
+    """What `explain` says of it is made when the documentation is built."""
+    text = page("docs/how-to/when-it-fails.md")
+    (block,) = blocks(text, "{file} reach.toml")
     for line in FAILURES[name]:
         assert f"`{line}`" in text
         old = "activation = [-3.0, 0.0]" if line.startswith("activation") else "duration = 1.0"
@@ -67,16 +165,20 @@ def test_what_fails_in_the_documentation_fails_as_shown(tmp_path, name):
     assert plan.status is to.Status[name]
     (section,) = re.findall(rf"## {name}: (.*?)(?=\n## )", text, re.DOTALL)
     assert section.startswith(plan.status.value)
-    (shown,) = re.findall(r"```\n(.*?)```", section, re.DOTALL)
-    told = to.explain(plan).findings
-    said = " ".join(" ".join((f.what, *f.details, f.advice)) for f in told).split()
-    numbers = re.compile(r"-?\d[\d.]*")
-    said_words = {numbers.sub("#", word) for word in said}
-    words = numbers.sub("#", shown.replace("failure: ", "")).split()
-    assert not [word for word in words if word not in said_words]
+
+    assert to.explain(plan).findings
 
 
 def test_every_status_has_a_section():
-    text = (ROOT / "docs" / "when-it-fails.md").read_text()
-    sections = re.findall(r"^## (\w+): (.*)$", text, re.MULTILINE)
+    sections = re.findall(r"^## (\w+): (.*)$", page("docs/how-to/when-it-fails.md"), re.MULTILINE)
     assert dict(sections) == {status.name: status.value for status in to.Status}
+
+
+# --- citation ------------------------------------------------------------------------------
+
+
+def test_the_citation_is_that_of_the_readme():
+    text, front = page("CITATION.cff"), page("README.md")
+    (doi,) = re.findall(r"^  doi: (\S+)$", text, re.MULTILINE)
+    assert f"https://doi.org/{doi}" in front
+    assert not [n for n in re.findall(r"family-names: (\w+)", text) if n not in front]
