@@ -5,16 +5,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plans import ROD, TOUCH, planned, shipped, written
+from plans import ROD, TOUCH, planned, shipped, with_phases, written
 
 from trunk_ocp.analysis import free_choices
 from trunk_ocp.analysis.diagnosis import at_bounds, explain
 from trunk_ocp.analysis.free_choices import one_sided
-from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
 from trunk_ocp.problem.motion import Bounds
+from trunk_ocp.problem.problem_file import LoadsSpec
 
 # A leaf above the head, straight ahead, that is reached and held.
 HOLD = """position_weight = 8.0
@@ -138,9 +138,8 @@ def test_errors_are_compared_where_they_differ(before, after, said):
 )
 def test_symmetry_is_measured_against_the_loads(force, aside, symmetric):
     """In N: 1e-5 is round-off of 1e6, 5e-10 is none of 1e-8."""
-    motion = load_motion("lift-log")
-    steps = [replace(s, loads=Loads(tip_force=(force, aside, 0.0))) for s in motion.steps]
-    assert is_symmetric(replace(motion, steps=tuple(steps))) is symmetric
+    motion = with_phases(shipped("lift-log"), loads=LoadsSpec(tip_force=(force, aside, 0.0)))
+    assert is_symmetric(motion) is symmetric
 
 
 def test_a_straight_head_gives_nothing_to_say(tmp_path):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from plans import POINT, TOUCH, first_steps, shipped, written
+from plans import POINT, TOUCH, first_steps, shipped, with_phases, written
 from rich.console import Console
 from scipy.optimize import minimize
 from toys import TRUNK, shortening
@@ -33,6 +33,7 @@ from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.motion import REFERENCE_LENGTH
+from trunk_ocp.problem.problem_file import LimitsSpec
 from trunk_ocp.reporting import Reporter
 
 C = SHORTENING * REFERENCE_LENGTH / TRUNK.length  # in the objective's units
@@ -284,11 +285,9 @@ def test_a_limit_of_nothing_is_refused(limit):
 
 
 def test_a_limit_that_a_motion_excludes_is_refused():
-    motion = shortening(WANTED)
-    step = motion.steps[0]
-    tense = replace(step, box=replace(step.box, upper=np.array([-0.5, -0.5, 0.0, 0.0])))
+    tense = with_phases(shortening(WANTED), bounds=LimitsSpec(activation=(-1.0, -0.5)))
     with pytest.raises(InputError, match=r"activation = 0.3: R1-long must be between -1 and -0.5"):
-        replace(motion, steps=(tense,)).limited(activation=0.3)
+        tense.limited(activation=0.3)
 
 
 def test_a_survey_has_a_cell_for_each_pair_of_limits():

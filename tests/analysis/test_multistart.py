@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from plans import TOUCH, first_steps, shipped, written
+from plans import TOUCH, first_steps, shipped, with_phases, written
 from toys import pointing, shortening
 
 from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, optima, random_motion
@@ -130,13 +130,12 @@ def test_muscles_swap_sides_and_nothing_else():
 def test_the_mirrored_trunk_has_the_mirrored_shape():
     """Under every load; directors d1 and d3 are reflected, d2 is reflected and reversed."""
     motion = shipped("lift-log-asymmetric")
-    step = motion.steps[4]
-    loads = replace(step.loads, tip_force=(20.0, -30.0, 40.0))
+    loads = motion.spec.phases[-1].loads.model_copy(update={"tip_force": (20.0, -30.0, 40.0)})
+    motion = with_phases(motion, loads=loads)
     rng = np.random.default_rng(1)
     x = np.append(-0.4 * rng.random(28), [0.2, -0.1])
     image = mirrored_unknowns(motion.trunk, x)
-    other = replace(motion, steps=(replace(step, loads=loads),))
-    theirs = mirrored_motion(other).steps[0].loads
+    loads, theirs = motion.steps[4].loads, mirrored_motion(motion).steps[4].loads
     Z = np.linspace(0.1, 1.75, 7)
     a = solve_statics(motion.trunk, x[:28], x[28:], loads)
     b = solve_statics(motion.trunk, image[:28], image[28:], theirs)

@@ -477,7 +477,7 @@ positions in mm | [0.6, 0.1, 1.2] | [600.0, 100.0, 1200.0] | targets[1] & 600 & 
 positions in cm | [0.6, 0.1, 1.2] | [60.0, 10.0, 120.0] | targets[1] & cm & 0.01
 way points in mm | position = [0.6, 0.1, 1.2] | through = [[0.5, 600.0, 100.0, 900.0], [1.0, 600.0, 100.0, 1200.0]] | targets[1].through[2] = [1, 600, 100, 1200] & mm & 0.001
 path in mm | position = [0.6, 0.1, 1.2] | path = [[600.0, 0.0, 900.0], [600.0, 100.0, 1200.0]] | targets[1].path[2] = [600, 100, 1200] & mm & 0.001
-beyond reach | [0.6, 0.1, 1.2] | [5.0, 0.0, 0.0] | 5 m from the base & can only be missed
+beyond reach | [0.6, 0.1, 1.2] | [5.0, 0.0, 0.0] | 5 m from the base & will be missed
 percent | [-3.0, 0.0] | [-300.0, 0.0] | bounds.activation & percent & [-3, 0]
 percent and wrong sign | [-3.0, 0.0] | [0, 100] | bounds.activation & percent & negative contracts; write [-1, 0]
 wrong sign | [-3.0, 0.0] | [0.0, 3.0] | bounds.activation & negative contracts & [-3, 0]
@@ -486,8 +486,8 @@ head in radians | [bounds] | [bounds]\nhead_z_deg = [-0.2, 0.2] | head_z_deg & r
 change in radians | duration = 1.0 | duration = 1.0\nchange = [{ head_y_deg = [-0.05, 0.05] }] | change[1].head_y_deg & radians
 deviation in radians | duration = 1.0 | duration = 1.0\nauxiliary = { head_deviation_deg = 0.05 } | head_deviation_deg & radians
 extension in percent | [0.67, 1.35] | [67.0, 135.0] | bounds.extension & percent
-extension excluded | extension = [0.67, 1.35] | extension = [2.5, 3.0] | no plan can hold both & segment
-change excluded | duration = 1.0 | duration = 1.0\nbounds = { activation = [-1.0, -0.5] }\nchange = [{ activation = 0.1 }] | R1-dl & no plan can hold both
+extension excluded | extension = [0.67, 1.35] | extension = [2.5, 3.0] | no plan can keep both & segment
+change excluded | duration = 1.0 | duration = 1.0\nbounds = { activation = [-1.0, -0.5] }\nchange = [{ activation = 0.1 }] | R1-dl & no plan can keep both
 gravity upwards | [bounds] | gravity = -9.8\n[bounds] | gravity & -9.8 & +Z points down
 gravity in mm | [bounds] | gravity = 9800.0\n[bounds] | gravity & mm/s^2 & 9.8
 tolerance in mm | [bounds] | tolerance = { position = 20.0 }\n[bounds] | tolerance.position & mm & 0.02

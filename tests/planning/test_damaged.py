@@ -90,7 +90,7 @@ def edit(*path, value):
     ],
 )
 def test_an_unfinished_run_with_other_keys_types_or_sizes_is_refused(tmp_path, change):
-    with pytest.raises(InputError, match=r"resume\.npz: .*without --resume to start anew"):
+    with pytest.raises(InputError, match=r"resume\.npz: .*without --resume to start again"):
         resumed(tmp_path, change)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["resume.npz"]
 
@@ -223,7 +223,7 @@ def test_what_a_power_cut_left_of_an_unfinished_run_is_replaced(tmp_path, left):
 
 def test_records_too_long_to_be_read_are_saved_without_their_histories(tmp_path, monkeypatch):
     plan = damaged.originals().plan
-    monkeypatch.setattr("trunk_ocp.planning.records.MOST_NESTED", 30)
+    monkeypatch.setattr("trunk_ocp.planning.records.MAX_BRACKETS", 30)
     save_plan(plan, tmp_path)
     again = load_plan(tmp_path)
     assert [s.message for s in again.solves] == [s.message for s in plan.solves]

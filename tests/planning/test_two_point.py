@@ -17,7 +17,7 @@ from trunk_ocp.planning.independent_rod import Rods, dop853
 from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.two_point import equilibria
-from trunk_ocp.planning.verification import LARGEST_TURN, verify
+from trunk_ocp.planning.verification import MAX_TURN, verify
 from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.problem.motion import Auxiliary, Bounds
 from trunk_ocp.problem.problem_file import ProblemSpec
@@ -297,7 +297,7 @@ def test_a_wrong_step_is_no_fault_of_the_others(monkeypatch):
     wrong = spoilt(right, states=states)
     limit = 6 * slopes_of(right, monkeypatch)
     assert slopes_of(wrong, monkeypatch) < limit
-    bad = ~(wrong.verification.position_difference <= wrong.verification.largest_difference)
+    bad = ~(wrong.verification.position_difference <= wrong.verification.max_position_difference)
     np.testing.assert_array_equal(np.flatnonzero(bad), [1, 4])
     assert right.status is Status.SOLVED
     assert wrong.status is Status.UNVERIFIED
@@ -315,7 +315,7 @@ def test_of_a_plan_that_is_wrong_all_along_not_every_step_is_solved(monkeypatch)
     wrong = repeated(one, 66, shaken(one, 66))
     assert wrong.status is Status.UNVERIFIED
     assert sum(solved) == 32
-    assert np.all(~(wrong.verification.turn <= LARGEST_TURN))
+    assert np.all(~(wrong.verification.turn <= MAX_TURN))
     solved.clear()
     assert repeated(one, 66).verified
     assert sum(solved) == 66

@@ -102,6 +102,12 @@ def first_part(phase, steps):
     return phase.model_copy(update=update)
 
 
+def with_phases(motion, **update):
+    """The motion with these sections in every phase."""
+    phases = tuple(phase.model_copy(update=update) for phase in motion.spec.phases)
+    return motion.with_spec(motion.spec.model_copy(update={"phases": phases}))
+
+
 def written(folder, text, name="problem.toml"):
     """A problem file with this text; its path."""
     path = folder / name

@@ -72,6 +72,6 @@ def motion(tips, durations, bounds, change=()):
         "anatomy": "shortener",
         "gravity": 0.0,
         "bounds": {"extension": (0.1, 1.5), **bounds},
-        "phases": phases,
+        "phases": tuple(phases),
     }
     return build_motion(ProblemSpec.model_validate(problem), SPEC)

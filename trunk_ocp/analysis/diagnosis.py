@@ -24,7 +24,7 @@ from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
 from ..planning.plan import Plan, Status
 from ..planning.storage import finite
-from ..planning.verification import LARGEST_TURN, SLACK
+from ..planning.verification import BOUND_TOL, MAX_TURN
 from ..problem.motion import Motion, allowed
 from ..problem.plausibility import POINTED
 from ..reporting import Reporter
@@ -326,18 +326,18 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         yield Finding("warning", "the trunk is near buckling", (left,))
     check = plan.verification
     worst, turn = float(check.position_difference.max()), float(check.turn.max())
-    most = check.largest_difference
-    if not check.too_coarse and (worst > most / 2 or turn > LARGEST_TURN / 2):
+    most = check.max_position_difference
+    if not check.too_coarse and (worst > most / 2 or turn > MAX_TURN / 2):
         told = (
             f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * most:.3g} pass",
-            f"directors {turn:.2g} from the integrated ones, {LARGEST_TURN:g} pass",
+            f"directors {turn:.2g} from the integrated ones, {MAX_TURN:g} pass",
         )
         yield Finding("warning", "the mesh is barely fine enough", told)
     if check.doubts:
         yield Finding(
             "warning", "the loads strain the trunk beyond what it is made for", tuple(check.doubts)
         )
-    if plan.auxiliary and (excess := _change_excess(plan)) > SLACK:
+    if plan.auxiliary and (excess := _change_excess(plan)) > BOUND_TOL:
         told = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan exceeds the horizon's bounds on change", told)
 

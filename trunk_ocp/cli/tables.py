@@ -27,7 +27,7 @@ from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
 from ..planning.plan import Plan, Status
-from ..planning.verification import SLACK
+from ..planning.verification import BOUND_TOL
 from ..problem.mirror import mirrored_unknowns
 from ..problem.motion import Motion
 from ..reporting import Progress, Reporter
@@ -242,7 +242,7 @@ def foresight_table(result: Foresight) -> Group:
             f"{m.largest_change:.2g}",
             str(m.reversals),
             f"{m.time_at_bound:.2g}",
-            f"{m.change_excess:.1g}" if m.change_excess > SLACK else "-",
+            f"{m.change_excess:.1g}" if m.change_excess > BOUND_TOL else "-",
         )
     return Group(quality, use, Text(_sufficient(result), justify="center"))
 

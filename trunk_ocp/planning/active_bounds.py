@@ -1,4 +1,4 @@
-"""The bounds a motion sets, and where a plan touches them."""
+"""Bounds on the controls of a plan, and where it reaches them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from .plan import Plan
 
-TOUCH = 1e-3  # of the room between two bounds; an interior-point method never quite arrives
+ACTIVE_BOUND_TOL = 1e-3  # of a bound's range; an interior-point method stops short of bounds
 
 
 def limits(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds (H, muscles + 2) of the motion at a plan's time steps, rad for angles.
+    """Lower and upper bounds (H, muscles + 2) of a plan's time steps, rad for angles.
 
-    Where a sequential plan follows an auxiliary solution, appendix B has the bounds of the whole
-    motion in place of the phase's; how far it may be from that solution is no bound on a muscle.
+    Where a sequential plan follows an auxiliary solution, the motion's bounds on activations
+    replace the phase's (appendix B); the deviation from that solution is no bound on a muscle.
     """
     motion, count = plan.motion, len(plan.motion.trunk.muscles)
     steps = motion.steps[: len(plan.x)]
@@ -30,12 +30,12 @@ def limits(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
 
 
 def touching(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
-    """Which unknowns (H, muscles + 2) are at their lower and at their upper bound.
+    """Which controls (H, muscles + 2) are at their lower and at their upper bound.
 
-    A muscle that may not move at all is at neither: it has no choice.
+    A control whose bounds are equal is at neither.
     """
     lower, upper = limits(plan)
     room = upper - lower
-    near = TOUCH * room
+    near = ACTIVE_BOUND_TOL * room
     free = room > 0
     return free & (plan.x - lower <= near), free & (upper - plan.x <= near)

@@ -1,8 +1,8 @@
-"""Going on with a plan that was cut off: what was decided so far, on disk after every window.
+"""Resuming an interrupted plan: the decided steps are on disk after every window.
 
-What the next window finds depends on the decided steps, the solution of the window before and the
-plan that a horizon starts from, and on nothing else. So a plan that is resumed has the same
-bits as one that never stopped.
+The solution of the next window depends only on the decided steps, the solution of the window
+before and the plan that a horizon starts from. So a resumed plan has the same bits as one that was
+not interrupted.
 """
 
 from __future__ import annotations
@@ -32,28 +32,28 @@ from .plan import Plan
 from .records import fits
 
 FILE = "resume.npz"
-WORTH_LASTING = 1.0  # s of work worth waiting for a disk, in case of a power cut
-SHOWN = 3  # changes told one by one
-LONGEST_KEY = 100  # characters
+MIN_FLUSH_INTERVAL = 1.0  # s of work that is worth a flush to disk, in case of a power cut
+MAX_CHANGES_SHOWN = 3
+MAX_KEY_LENGTH = 100  # characters
 
 
 class Checkpoint:
     """A file from which a plan is resumed if its process ends before it does.
 
-    Written whole after every window by `plan_motion`; remove it when the plan is saved. At every
-    moment the file is there, or its successor is beside it.
+    `plan_motion` replaces it after every window; remove it when the plan is saved. At any time
+    the file exists, or its successor beside it does.
 
     Parameters
     ----------
     path : str or Path
         The file, such as `results/lift-log/horizon/resume.npz`.
     resume : bool
-        Go on from what the file has; otherwise start anew and replace it.
+        Resume from the file; otherwise start again and replace it.
 
     Attributes
     ----------
     seconds : float
-        Wall time that the plan had taken before this process.
+        Wall time that the plan took before this process.
     """
 
     def __init__(self, path: str | Path, resume: bool = False) -> None:
@@ -72,24 +72,24 @@ class Checkpoint:
         return self._newer.exists() or self.path.exists()
 
     def files(self) -> list[Path]:
-        """What an unfinished run left, other than what a power cut emptied.
+        """Files that an unfinished run left, except empty ones, which a power cut leaves.
 
         Raises
         ------
         InputError
-            If what has the name of such a file is something else.
+            If a file of that name is something else.
         """
         return [path for path in self._own_files() if not _is_empty(path)]
 
     def open(
         self, motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
     ) -> None:
-        """Begin a plan, from what the file has if it is to be resumed.
+        """Begin a plan, from the file if it is to be resumed.
 
         Raises
         ------
         InputError
-            If there is nothing to resume, or if it is not of this very plan; names what changed.
+            If there is nothing to resume, or it belongs to another plan; names the differences.
         """
         self._began = time.perf_counter()
         identity = _identity(motion, mode, lookahead, options, start)
@@ -101,11 +101,11 @@ class Checkpoint:
         if not self.exists:
             raise InputError(
                 f"{self.path}: there is nothing to resume; expected an unfinished run here. Run "
-                "without --resume to start anew."
+                "without --resume to start again."
             )
         newest = self._newer if self._newer.exists() else self.path
         found = read_unfinished(newest, motion, options)
-        self._own_files()  # the other one as well, which `save` replaces
+        self._own_files()  # check the other file as well, which `save` replaces
         name = _name(found.identity)
         if name != motion.name:
             raise InputError(
@@ -117,14 +117,14 @@ class Checkpoint:
             raise InputError(
                 f"{self.path}: cannot be resumed, because {' and '.join(changes)}; expected the "
                 "same problem, anatomy, options and versions. Undo the change, or run without "
-                "--resume to start anew."
+                "--resume to start again."
             )
         self.seconds, self._found = found.stages(motion)
 
     def enter(
         self, mode: str, mesh: Mesh, window: int, optimizer: Optimizer
     ) -> tuple[DecidedSteps, np.ndarray | None]:
-        """What the next pass has decided already, and the unknowns of its last window.
+        """Steps that the next run has decided already, and the controls of its last window.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If the file has another pass in its place.
+            If the file has a different run at this point.
         """
         number = len(self._stages)
         stage = Stage(mode, mesh, DecidedSteps(), None, {})
@@ -143,8 +143,8 @@ class Checkpoint:
             ahead = window if stage.previous is None else len(stage.previous)
             if (stage.mode, stage.mesh, ahead) != (mode, mesh, window):
                 raise InputError(
-                    f"{self.path}: has other passes than this plan; expected those of an "
-                    "unfinished run of it. Run without --resume to start anew."
+                    f"{self.path}: has other stages than this plan; expected those of an "
+                    "unfinished run of it. Run without --resume to start again."
                 )
             for name in COUNTERS:
                 setattr(optimizer, name, stage.counters.get(name, 0))
@@ -153,7 +153,7 @@ class Checkpoint:
         return stage.state, stage.previous
 
     def save(self, optimizer: Optimizer, previous: np.ndarray) -> None:
-        """Write what has been decided; if the disk is full, say so once and go on without."""
+        """Write the decided steps; if the disk is full, report it once and continue without."""
         stage = self._stages[-1]
         stage.previous = previous
         stage.counters = {name: getattr(optimizer, name) for name in COUNTERS}
@@ -164,10 +164,10 @@ class Checkpoint:
         }
         text = json.dumps(progress)
         if not fits(text):  # thousands of iterations that failed
-            for told in progress["stages"]:
-                told["failed"] = [solve | {"history": ()} for solve in told["failed"]]
+            for record in progress["stages"]:
+                record["failed"] = [solve | {"history": ()} for solve in record["failed"]]
             text = json.dumps(progress)
-        # Few members and one array: each costs time, and this is written after every window.
+        # Few members and one array, because each takes time after every window.
         values = [array.ravel() for stage in self._stages for array in _arrays(stage).values()]
         content = io.BytesIO()
         np.savez(
@@ -177,15 +177,15 @@ class Checkpoint:
             values=np.concatenate(values),
         )
         now = time.perf_counter()
-        lasting, self._saved = now - self._saved > WORTH_LASTING, now
+        flush, self._saved = now - self._saved > MIN_FLUSH_INTERVAL, now
         try:
-            write(self._newer, content.getvalue(), lasting)
-            # Not by replacing, for which a file system may wait for its disk.
+            write(self._newer, content.getvalue(), flush)
+            # Not os.replace, with which some file systems wait for the disk.
             self.path.unlink(missing_ok=True)
             self._newer.rename(self.path)
         except (InputError, OSError) as error:
             if not self._failed:
-                optimizer.reporter.note(f"Going on, but this could not be resumed: {error}")
+                optimizer.reporter.note(f"Continuing, but this run could not be resumed: {error}")
             self._failed = True
 
     def remove(self) -> None:
@@ -194,31 +194,31 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If what has its name is something else.
+            If a file of that name is something else.
         """
         for path in self._own_files():
             path.unlink(missing_ok=True)
 
     def _own_files(self) -> list[Path]:
-        """The file and its successor, as far as they are there; InputError for what is no such."""
+        """The file and its successor, if they exist; InputError if they are something else."""
         folder = self.path.parent
         if folder.exists() and not folder.is_dir():
             raise InputError(
-                f"{folder}: is a file where results would go; move it away, or name another "
-                "folder with --out."
+                f"{folder}: is a file, expected a folder for results; move it away, or name "
+                "another folder with --out."
             )
-        there = [path for path in (self._newer, self.path) if os.path.lexists(path)]
-        for path in there:
-            if not _is_ours(path):
+        existing = [path for path in (self._newer, self.path) if os.path.lexists(path)]
+        for path in existing:
+            if not _is_checkpoint(path):
                 raise InputError(
-                    f"{path}: is not a file of an unfinished run, which would be replaced; move it "
+                    f"{path}: is not a file of an unfinished run, and would be replaced; move it "
                     "away, or name another folder with --out."
                 )
-        return there
+        return existing
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether a file begins as one of ours, or has nothing in it, as a power cut may leave it."""
+def _is_checkpoint(path: Path) -> bool:
+    """Whether a file begins like a checkpoint, or is empty, as after a power cut."""
     if path.is_symlink() or not path.is_file():
         return False
     head = _head(path)
@@ -237,43 +237,44 @@ def _head(path: Path) -> bytes:
 def _identity(
     motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
 ) -> dict[str, Any]:
-    """What a plan depends on, as JSON has it."""
-    begun = None if start is None else fingerprint([start.x, start.shape.states, start.mesh])
+    """Everything that a plan depends on, ready for JSON."""
+    start_hash = None if start is None else fingerprint([start.x, start.shape.states, start.mesh])
     return {
         "problem": plain(motion.spec),
         "anatomy": plain(motion.anatomy),
         "problem_sha256": fingerprint(motion.spec),
         "anatomy_sha256": fingerprint(motion.anatomy),
         "options": asdict(options) | {"mode": mode, "lookahead": lookahead},
-        "versions": {name: told for name, told in versions().items() if name != "platform"},
+        "versions": {key: text for key, text in versions().items() if key != "platform"},
         "steps": fingerprint(motion.steps),
-        "start": begun,
+        "start": start_hash,
     }
 
 
 def _name(identity: dict[str, Any]) -> str:
-    """Name of the problem of a run, as its file says."""
+    """Name of the problem of a run, from its file."""
     problem = identity.get("problem")
-    return str(problem.get("name") if isinstance(problem, dict) else None)[:LONGEST_KEY]
+    return str(problem.get("name") if isinstance(problem, dict) else None)[:MAX_KEY_LENGTH]
 
 
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """What differs between two identities, a clause each; empty if nothing does."""
-    named = {
+    """Differences between two identities, a clause each."""
+    labels = {
         "problem": "the problem",
         "anatomy": "the anatomy",
         "versions": "the version",
         "options": "the options",
     }
     clauses = []
-    for part, name in named.items():
+    for part, name in labels.items():
         if f"{part}_sha256" in new and old.get(f"{part}_sha256") == new[f"{part}_sha256"]:
             continue
-        # No more than are shown: a file from anywhere may have any number of them.
-        differences = list(islice(_differences(old.get(part), new[part]), SHOWN + 1))
+        # Compare no further than is shown, because an untrusted file may differ anywhere.
+        differences = list(islice(_differences(old.get(part), new[part]), MAX_CHANGES_SHOWN + 1))
         if differences:
-            told = [*differences[:SHOWN], *(["and more"] if len(differences) > SHOWN else [])]
-            clauses.append(f"{name} changed ({', '.join(told)})")
+            more = ["and more"] if len(differences) > MAX_CHANGES_SHOWN else []
+            shown = [*differences[:MAX_CHANGES_SHOWN], *more]
+            clauses.append(f"{name} changed ({', '.join(shown)})")
     if not clauses and old.get("steps") != new["steps"]:
         clauses.append("the time steps changed")
     if not clauses and old.get("start") != new["start"]:
@@ -282,7 +283,7 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
 
 
 def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
-    """`key: old -> new` for every entry that differs, entries of lists counted from one."""
+    """`key: old -> new` for every entry that differs, entries of lists numbered from 1."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         for name in sorted({*old, *new}):
             yield from _differences(old.get(name), new.get(name), f"{key}.{name}".lstrip("."))
@@ -290,7 +291,7 @@ def _differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
         for number, pair in enumerate(zip(old, new, strict=True), 1):
             yield from _differences(*pair, f"{key}[{number}]")
     elif old != new:
-        yield f"{key[:LONGEST_KEY]}: {_short(old)} -> {_short(new)}"
+        yield f"{key[:MAX_KEY_LENGTH]}: {_short(old)} -> {_short(new)}"
 
 
 def _short(value: Any) -> str:
@@ -301,7 +302,7 @@ def _short(value: Any) -> str:
 
 
 def _described(stage: Stage) -> dict[str, Any]:
-    """What of a stage is no array, and the shapes of its arrays."""
+    """A stage without its arrays, but with their shapes."""
     return {
         "mode": stage.mode,
         "mesh": {"edges": stage.mesh.edges, "degree": stage.mesh.degree},
@@ -315,7 +316,7 @@ def _described(stage: Stage) -> dict[str, Any]:
 
 
 def _arrays(stage: Stage) -> dict[str, np.ndarray]:
-    """Arrays of a stage that are not empty, by name."""
+    """Nonempty arrays of a stage by name."""
     state = stage.state
     lists = {
         "x": state.x,

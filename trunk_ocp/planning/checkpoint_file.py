@@ -1,7 +1,7 @@
-"""Reading what an unfinished run left: known keys, known types, bounded sizes, nothing else.
+"""Reading the file of an unfinished run, which is untrusted: known keys, types and sizes only.
 
-The file is a zip archive of three flat arrays as `numpy.savez` writes it, uncompressed: two texts
-in JSON, and every number of the stages one after the other.
+The file is an uncompressed zip archive of three flat arrays, as `numpy.savez` writes it: two texts
+in JSON, and the concatenated numbers of all stages.
 """
 
 from __future__ import annotations
@@ -28,24 +28,28 @@ from ..rod.equations import STATES
 from .decided_steps import DecidedSteps
 from .options import REFINEMENTS, Options, first_mesh
 from .plan import MODES
-from .records import MOST_TEXT as MOST_RECORDS
-from .records import amount, check_near, count, entries, flag, json_of, number, solve_of, table
+from .records import MAX_TEXT as MAX_RECORDS
+from .records import amount, check_auxiliary, count, entries, flag, json_of, number, solve_of, table
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")
-MOST_TEXT = 2 * LONGEST_JSON + MOST_RECORDS
-"""Bytes of all but the numbers: problem and anatomy, and records."""
-MOST_STAGES = REFINEMENTS + 2  # the sequential plan, the plan, and once more for each refinement
+MAX_TEXT = 2 * LONGEST_JSON + MAX_RECORDS
+"""Bytes of problem, anatomy and records, that is, of all but the numbers."""
+MAX_STAGES = REFINEMENTS + 2  # the sequential plan, the plan, and one for each refinement
 END = struct.Struct("<4s4H2LH")  # of a zip archive without a comment
-LONGEST_REASON = 300  # characters
+MAX_REASON_LENGTH = 300  # characters
 
 
 @dataclass(eq=False)
 class Stage:
-    """A pass as far as it has come: how it was made, what it has decided, what it has cost.
+    """One planning run so far: its mesh, the decided steps and their cost.
 
-    previous : (H, muscles + 2), unknowns of the last window; None before the first.
-    failed : the solves that did not converge; records of the others are not kept.
+    Attributes
+    ----------
+    previous : (H, muscles + 2)
+        Controls of the last window; None before the first.
+    failed : list of Solve
+        The solves that did not converge; records of the others are not kept.
     """
 
     mode: str
@@ -58,7 +62,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Unfinished:
-    """What a file has: what its plan depends on, as it says, and what is not looked at yet."""
+    """Content of a file: the identity of its plan, and stages that are not validated yet."""
 
     path: Path
     identity: dict[str, Any]
@@ -71,7 +75,7 @@ class Unfinished:
         Raises
         ------
         InputError
-            If they are not of such a plan.
+            If they do not fit the motion.
         """
         with _reading(self.path):
             seconds = amount(self.progress["seconds"])
@@ -79,47 +83,49 @@ class Unfinished:
 
 
 def read_unfinished(path: Path, motion: Motion, options: Options) -> Unfinished:
-    """Read a file that is to be of a plan of this motion, which its identity tells.
+    """Read the file of an unfinished run of this motion; the caller checks its identity.
 
     Raises
     ------
     InputError
-        If it is damaged, or larger than that of such a plan.
+        If it is damaged, or larger than the file of such a plan can be.
     """
-    content = read_bytes(path, _most(motion, options))
+    content = read_bytes(path, _largest_size(motion, options))
     with _reading(path):
         identity, progress, values = _members(content)
         if parts_of(_text(identity)) > 2 * MOST_PARTS + 1000:  # problem, anatomy, and little else
             raise InputError("its problem or anatomy is too large")
-        depends, told = (table(json_of(_text(part))) for part in (identity, progress))
-        return Unfinished(path, depends, told, values)
+        identity_table, progress_table = (
+            table(json_of(_text(text))) for text in (identity, progress)
+        )
+        return Unfinished(path, identity_table, progress_table, values)
 
 
 @contextlib.contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Any error within is the file's: damaged ones break their readers in ways of their own."""
+    """Turn any error within into an InputError: damaged files break readers in many ways."""
     try:
         yield
     except Exception as error:
-        reason = printable(f"{error}")[:LONGEST_REASON]
+        reason = printable(f"{error}")[:MAX_REASON_LENGTH]
         raise InputError(
             f"{path}: cannot be read as an unfinished run ({reason}); run without --resume to "
-            "start anew."
+            "start again."
         ) from None
 
 
-def _most(motion: Motion, options: Options) -> int:
-    """Bytes that the file of a plan may have: every stage whole, each mesh twice the last."""
+def _largest_size(motion: Motion, options: Options) -> int:
+    """Largest size in bytes of a plan's file: all stages complete, each mesh twice the last."""
     mesh, unknowns = first_mesh(motion, options), len(motion.trunk.muscles) + 2
     states = mesh.elements * (mesh.degree + 1) * STATES * 2 ** (REFINEMENTS + 2)
-    step = MOST_STAGES * (4 * unknowns + 3 + 3 * len(motion.held)) + states
-    return MOST_TEXT + 8 * step * len(motion.steps)
+    step = MAX_STAGES * (4 * unknowns + 3 + 3 * len(motion.held)) + states
+    return MAX_TEXT + 8 * step * len(motion.steps)
 
 
 def _members(content: bytes) -> list[np.ndarray]:
-    """The three arrays of an archive; nothing in it is larger than it is itself."""
-    mark, _, _, here, every, directory, _, comment = END.unpack(content[-END.size :])
-    if (mark, here, every, comment) != (b"PK\x05\x06", 3, 3, 0) or directory > 1000:
+    """The three arrays of an archive, none of which is larger than the archive."""
+    mark, _, _, here, total, directory, _, comment = END.unpack(content[-END.size :])
+    if (mark, here, total, comment) != (b"PK\x05\x06", 3, 3, 0) or directory > 1000:
         raise InputError("expected an archive of three arrays")
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         if sorted(archive.namelist()) != [f"{name}.npy" for name in MEMBERS]:
@@ -135,10 +141,10 @@ def _members(content: bytes) -> list[np.ndarray]:
 
 
 def _array(content: bytes, kind: str) -> np.ndarray:
-    """A flat array of a type, from the bytes of a .npy file that must have just its size."""
+    """A flat array of a type, from the bytes of a .npy file of exactly that size."""
     stream = io.BytesIO(content)
     if np.lib.format.read_magic(stream) != (1, 0):
-        raise InputError("expected arrays of the first .npy format")
+        raise InputError("expected arrays of .npy format 1.0")
     shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
     start = stream.tell()
     if dtype.str != kind or shape != ((len(content) - start) // dtype.itemsize,):
@@ -150,9 +156,9 @@ def _text(values: np.ndarray) -> str:
     return values.tobytes().decode("utf-8")
 
 
-def _stages(told: dict[str, Any], values: np.ndarray, motion: Motion) -> list[Stage]:
-    records = entries(told["stages"])
-    if len(records) > MOST_STAGES or not np.all(np.isfinite(values)):
+def _stages(progress: dict[str, Any], values: np.ndarray, motion: Motion) -> list[Stage]:
+    records = entries(progress["stages"])
+    if len(records) > MAX_STAGES or not np.all(np.isfinite(values)):
         raise InputError("expected finite numbers of a few stages")
     stages = []
     for record in records:
@@ -163,13 +169,13 @@ def _stages(told: dict[str, Any], values: np.ndarray, motion: Motion) -> list[St
     return stages
 
 
-def _stage(told: dict[str, Any], values: np.ndarray, motion: Motion) -> tuple[Stage, np.ndarray]:
-    """A stage, whose arrays are the first of the values, and the other values."""
-    arrays, values = _arrays(told, values)
-    mesh_of = table(told["mesh"])
+def _stage(record: dict[str, Any], values: np.ndarray, motion: Motion) -> tuple[Stage, np.ndarray]:
+    """A stage, whose arrays come first among the values, and the remaining values."""
+    arrays, values = _arrays(record, values)
+    mesh_of = table(record["mesh"])
     mesh = Mesh(tuple(number(Z) for Z in entries(mesh_of["edges"])), count(mesh_of["degree"], 1))
-    held = [_held(entry) for entry in entries(told["held"])]
-    near = [count(step) for step in entries(told["near"])]
+    held = [_held(entry) for entry in entries(record["held"])]
+    auxiliary = [count(step) for step in entries(record["near"])]
     rows = {name: list(array) for name, array in arrays.items()}
     state = DecidedSteps(
         x=rows["x"],
@@ -177,18 +183,18 @@ def _stage(told: dict[str, Any], values: np.ndarray, motion: Motion) -> tuple[St
         states=rows["states"],
         held=dict(zip(held, rows.get("held", []), strict=True)),
         unloaded=arrays.get("auxiliary"),
-        auxiliary=dict(zip(near, rows.get("near", []), strict=True)),
-        converged=flag(told["converged"]),
+        auxiliary=dict(zip(auxiliary, rows.get("near", []), strict=True)),
+        converged=flag(record["converged"]),
     )
-    if told["mode"] not in MODES:
+    if record["mode"] not in MODES:
         raise InputError("mode: expected that of a plan")
-    _check(state, arrays, mesh, str(told["mode"]), motion)
-    counters = table(told["counters"])
+    _check(state, arrays, mesh, str(record["mode"]), motion)
+    counters = table(record["counters"])
     if set(counters) != set(COUNTERS):
         raise InputError(f"counters: expected {', '.join(COUNTERS)}")
     return (
         Stage(
-            str(told["mode"]),
+            str(record["mode"]),
             mesh,
             state,
             arrays.get("previous"),
@@ -196,16 +202,16 @@ def _stage(told: dict[str, Any], values: np.ndarray, motion: Motion) -> tuple[St
                 name: count(value) if name == "iterations" else amount(value)
                 for name, value in counters.items()
             },
-            [solve_of(record) for record in entries(told["failed"])],
+            [solve_of(record) for record in entries(record["failed"])],
         ),
         values,
     )
 
 
-def _arrays(told: dict[str, Any], values: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """The arrays of a stage by name, and the values after them."""
+def _arrays(record: dict[str, Any], values: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Arrays of a stage by name, and the remaining values."""
     arrays = {}
-    for name, sizes in table(told["shapes"]).items():
+    for name, sizes in table(record["shapes"]).items():
         shape = [count(size, 1) for size in entries(sizes)]
         size = math.prod(shape)
         if size > values.size:
@@ -238,11 +244,13 @@ def _check(
     for name, array in arrays.items():
         if array.shape != expected.get(name):
             raise InputError(f"{name}: expected an array of the motion's size")
-    asked = {
+    following = {
         t for t, step in enumerate(motion.steps[:steps]) if mode == "sequential" and step.follows
     }
     held = {held for held in motion.held if held.step < steps}
-    if steps > len(motion.steps) or set(state.auxiliary) != asked or set(state.held) != held:
-        raise InputError("expected time steps of the motion and what they refer to")
+    if steps > len(motion.steps) or set(state.auxiliary) != following or set(state.held) != held:
+        raise InputError(
+            "expected the motion's time steps, held directions and auxiliary solutions"
+        )
     if state.converged:
-        check_near(motion, np.array(state.x), state.auxiliary)
+        check_auxiliary(motion, state.auxiliary)

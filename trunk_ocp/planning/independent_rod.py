@@ -1,4 +1,4 @@
-"""The rod written out a second time, for checks: no CasADi, no collocation, no optimizer.
+"""A second implementation of the rod for checks, without CasADi, collocation or an optimizer.
 
 Equations (14), (15) in NumPy, with rotation matrices where the package's own code has
 quaternions, integrated by scipy's DOP853.
@@ -20,7 +20,7 @@ from ..model.loads import Loads, mass_beyond
 from ..model.quaternions import directors as directors_of
 
 TOLERANCE = 1e-10  # of DOP853, in units of L, 1 and E I(0) / L
-MOST_SLOPES = 30_000  # of an integration, in 2,500 steps; the shipped motions take about 100
+MAX_SLOPES = 30_000  # right-hand sides per integration (2,500 steps); 100 are usual
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +37,16 @@ class Trajectory:
 
 
 class Rods:
-    """Right-hand side of eq. (14) for n rods, each on a stretch without jumps.
+    """Right-hand side of eq. (14) for n rods, each on an interval without jumps.
 
-    Arrays have the rods last, so that every operation runs along memory.
+    The last axis of arrays is that of the rods, so that operations run along contiguous memory.
 
     Parameters
     ----------
     activation : (n, muscles)
     loads : one for each rod
     middle : (n,)
-        Some Z inside each rod's stretch.
+        A point Z inside each rod's interval.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ def base_frames(trunk: Trunk, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def jumps_of(trunk: Trunk, loads: Sequence[Loads]) -> list[float]:
-    """Where the equations of some rod jump, both ends included."""
+    """Points Z in m at which the equations of some rod jump, both ends included."""
     return sorted({*trunk.edges} | {x.contact_from for x in loads if x.contact_from is not None})
 
 
@@ -106,7 +106,7 @@ def integrate(
     loads: Sequence[Loads],
     moment: np.ndarray,
     Z: np.ndarray,
-    most: int = MOST_SLOPES,
+    max_slopes: int = MAX_SLOPES,
 ) -> Trajectory:
     """Integrate H rods together from the base to every point of Z, sorted.
 
@@ -116,14 +116,14 @@ def integrate(
         Activations and head angles; they fix everything at the base but the moment.
     moment : (H, 3)
         m(0) in N m, in the directors.
-    most
-        Slopes that may be taken in a segment; NaN from there on if they do not do.
+    max_slopes
+        Right-hand sides allowed in a segment; the result is NaN beyond a segment that needs more.
     """
     if not len(loads):
         return Trajectory(Z, *(np.zeros((0, Z.size, *n)) for n in ((3,), (3, 3), (3,))))
     finite = np.all(np.isfinite(np.hstack([x, moment])), axis=1)
     if not np.all(finite):
-        return _integrate_some(trunk, x, loads, moment, Z, finite, most)
+        return _integrate_some(trunk, x, loads, moment, Z, finite, max_slopes)
     H, activation = len(loads), x[:, :-2]
     unit = np.ones((15, 1, 1))
     unit[:3], unit[12:] = trunk.length, stiffness(trunk, 0.0)[1] / trunk.length
@@ -138,13 +138,13 @@ def integrate(
         def slope(at: float, y: np.ndarray, rods: Rods = rods) -> np.ndarray:
             return (rods.rates(np.full(H, at), y.reshape(15, 1, H) * unit) / unit).ravel()
 
-        path = dop853(slope, (start, end), state.ravel(), Z[inside], most=most)
+        path = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes=max_slopes)
         if path is None:
-            break  # NaN from here on: never called verified
+            break  # NaN from here on fails the check
         values[inside] = path[0].reshape(-1, 15, 1, H)
         state = path[1].reshape(15, 1, H)
     values = np.moveaxis((values * unit)[:, :, 0], 2, 0)
-    values[:, Z <= 0, 12:] = moment[:, None]  # itself, not its round trip
+    values[:, Z <= 0, 12:] = moment[:, None]  # without the round-off of scaling
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
     return Trajectory(Z, values[..., :3], directors, values[..., 12:])
 
@@ -156,17 +156,17 @@ def _integrate_some(
     moment: np.ndarray,
     Z: np.ndarray,
     some: np.ndarray,
-    most: int,
+    max_slopes: int,
 ) -> Trajectory:
     """Integrate some of the rods; NaN for the others."""
     chosen = [load for load, keep in zip(loads, some, strict=True) if keep]
-    path = integrate(trunk, x[some], chosen, moment[some], Z, most)
-    every = []
+    path = integrate(trunk, x[some], chosen, moment[some], Z, max_slopes)
+    results = []
     for part in (path.position, path.directors, path.moment):
-        whole = np.full((len(some), *part.shape[1:]), np.nan)
-        whole[some] = part
-        every.append(whole)
-    return Trajectory(Z, *every)
+        padded = np.full((len(some), *part.shape[1:]), np.nan)
+        padded[some] = part
+        results.append(padded)
+    return Trajectory(Z, *results)
 
 
 def dop853(
@@ -175,35 +175,35 @@ def dop853(
     start: np.ndarray,
     at: np.ndarray,
     tolerance: float = TOLERANCE,
-    most: int = MOST_SLOPES,
+    max_slopes: int = MAX_SLOPES,
     pick: np.ndarray | None = None,
     watch: Callable[[np.ndarray], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Values (points, n) at sorted points, and those (n,) at the end.
 
-    None where there is no end to it, as of a rod that coils in itself, or no number.
+    None if the integration does not finish, as for a rod that coils up, or is not finite.
 
     Parameters
     ----------
-    most : slopes that may be taken
+    max_slopes : right-hand sides allowed
     pick : (points, m), which of the n values are kept at each point; all by default
-    watch : is shown the slopes (n,) after each step, and may change them in place
+    watch : is called with the slopes (n,) after each step, and may change them in place
     """
     if not np.all(np.isfinite(start)):
         return None
     known: list[np.ndarray] = []
     with np.errstate(all="ignore"):  # a rod that diverges ends as NaN
         solver = DOP853(slope, ends[0], start, ends[1], rtol=tolerance, atol=tolerance)
-        if not np.isfinite(solver.h_abs):  # where scipy would try steps of NaN for good
+        if not np.isfinite(solver.h_abs):  # scipy would try steps of NaN forever
             return None
-        while solver.status == "running" and solver.nfev <= most:
+        while solver.status == "running" and solver.nfev <= max_slopes:
             solver.step()
             if watch is not None:
                 watch(solver.f)
             reached = int(np.searchsorted(at, solver.t, side="right"))
             if reached > len(known):
                 between = solver.dense_output()
-                # One by one, as all n values at all points would fill the memory.
+                # Point by point, because all n values at all points would fill the memory.
                 for i in range(len(known), reached):
                     values = between(at[i])
                     known.append(values if pick is None else values[pick[i]])
@@ -213,6 +213,6 @@ def dop853(
 
 
 def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """Cross product along the first axis; np.cross takes longer than all else of the slope."""
+    """Cross product along the first axis; np.cross would take longer than the rest of `rates`."""
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.subtract(a[j] * b[k], a[k] * b[j], out=out[i])

@@ -1,8 +1,7 @@
-"""What saved files say, believed only as far as it is checked: JSON, records of solves, references.
+"""Validated reading of the records in saved files: JSON, solves, auxiliary solutions.
 
-A file may come from anybody. Whatever is in it, reading it ends soon, takes little memory, and
-either with a value of the expected kind or with an `InputError`; nothing in it reaches a terminal
-that a terminal would obey.
+Files are untrusted. Reading any content is fast, takes little memory, and either gives a value of
+the expected type or raises `InputError`; no control characters reach a terminal.
 """
 
 from __future__ import annotations
@@ -19,22 +18,23 @@ from .._support.toml_files import printable
 from ..errors import InputError
 from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
-from ..problem.motion import Motion
+from ..problem.motion import Bounds, Motion
+from .verification import BOUND_TOL
 
-MOST_TEXT = 8_000_000
-MOST_NESTED, MOST_ENTRIES = 150_000, 600_000
+MAX_TEXT = 8_000_000
+MAX_BRACKETS, MAX_COMMAS = 150_000, 600_000
 """Characters, brackets and commas of JSON texts; a solve has a bracket for each iteration."""
-SLACK = 1e-6
-"""By which an auxiliary solution may exceed a bound, as in `verification`."""
 
 
 def json_of(text: str) -> Any:
-    """JSON without anything in its strings that a terminal would obey.
+    """Values of a JSON text, without control characters in strings.
 
     Raises
     ------
     InputError
-        If it is too long or nested too deeply, or no JSON.
+        If it is too long or nested too deeply.
+    ValueError
+        If it is not JSON.
     """
     if not fits(text):
         raise InputError("its text is too large; expected the records of one plan")
@@ -45,14 +45,14 @@ def json_of(text: str) -> Any:
 
 
 def fits(*texts: str) -> bool:
-    """Whether JSON texts are together of a size that is read."""
-    nested = sum(text.count("[") + text.count("{") for text in texts)
+    """Whether JSON texts together are small enough to be read."""
+    brackets = sum(text.count("[") + text.count("{") for text in texts)
     commas = sum(text.count(",") for text in texts)
-    return sum(map(len, texts)) <= MOST_TEXT and nested <= MOST_NESTED and commas <= MOST_ENTRIES
+    return sum(map(len, texts)) <= MAX_TEXT and brackets <= MAX_BRACKETS and commas <= MAX_COMMAS
 
 
-def recorded(solves: Sequence[Solve], *others: str) -> str:
-    """Records of solves in JSON; what does not fit beside others goes without its iterations."""
+def solves_json(solves: Sequence[Solve], *others: str) -> str:
+    """Records of solves in JSON; without their iterations if these would not fit beside others."""
     text = json.dumps([asdict(solve) for solve in solves])
     if fits(text, *others):
         return text
@@ -70,30 +70,30 @@ def _cleaned(value: Any) -> Any:
 
 
 def number(value: Any) -> float:
-    """A number; NaN and infinity are some, true and "1" are none."""
+    """A number, NaN and infinity included; true and "1" are not numbers."""
     if type(value) not in (int, float):
         raise InputError(f"{_shown(value)}: expected a number")
     return float(value)
 
 
 def amount(value: Any) -> float:
-    """A finite number from 0 on."""
+    """A finite number >= 0."""
     if not 0 <= number(value) < math.inf:
-        raise InputError(f"{_shown(value)}: expected a finite number from 0 on")
+        raise InputError(f"{_shown(value)}: expected a finite number, at least 0")
     return float(value)
 
 
 def count(value: Any, least: int = 0) -> int:
-    """A whole number that an index or a counter may be."""
+    """A whole number for an index or a counter."""
     if type(value) is not int or not least <= value < 2**31:
-        raise InputError(f"{_shown(value)}: expected a whole number from {least} on")
+        raise InputError(f"{_shown(value)}: expected a whole number, at least {least}")
     return value
 
 
 def words(value: Any) -> str:
-    """A text."""
+    """A string."""
     if not isinstance(value, str):
-        raise InputError(f"{_shown(value)}: expected a text")
+        raise InputError(f"{_shown(value)}: expected a string")
     return value
 
 
@@ -119,7 +119,7 @@ def table(value: Any) -> dict[str, Any]:
 
 
 def solve_of(value: Any) -> Solve:
-    """A record of a solve, from what `asdict` and JSON make of one."""
+    """A record of a solve from its JSON."""
     record = table(value)
     return Solve(
         stage=words(record["stage"]),
@@ -154,25 +154,26 @@ def _violation(value: Any) -> Violation:
     )
 
 
-def check_near(motion: Motion, x: np.ndarray, near: Mapping[int, np.ndarray]) -> None:
-    """Raise InputError unless auxiliary solutions are ones that the motion may have.
+def check_auxiliary(motion: Motion, auxiliary: Mapping[int, np.ndarray]) -> None:
+    """Raise InputError unless auxiliary solutions are possible for the motion.
 
-    A step that is near one is free of the bounds on change, so only steps that ask for it may be.
-    The unloaded problems that they solve have bounds of their own (appendix B.1-B.2), on change
-    from the solution before if there is one.
-
-    x : (H, muscles + 2), unknowns of the first H time steps.
+    A step near an auxiliary solution is free of the bounds on change, so only steps that ask for
+    one may have it. The unloaded problems have bounds of their own (appendix B.1-B.2), on change
+    from the auxiliary solution of the step before if there is one.
     """
-    for t, unknowns in near.items():
+    for t, controls in auxiliary.items():
         if not motion.steps[t].follows:
             raise InputError(f"near_step = {t + 1}: this time step has no auxiliary solution")
         box, change = motion.steps[t].box, motion.steps[t].change
-        kept = np.all((box.lower - SLACK <= unknowns) & (unknowns <= box.upper + SLACK))
-        if t - 1 in near and np.any(np.isfinite(change.upper)):
-            step = unknowns - near[t - 1]
-            kept &= np.all((change.lower - SLACK <= step) & (step <= change.upper + SLACK))
-        if not kept:
-            raise InputError(f"near_step = {t + 1}: an auxiliary solution is beyond its bounds")
+        keeps_bounds = _within(box, controls)
+        if t - 1 in auxiliary and np.any(np.isfinite(change.upper)):
+            keeps_bounds &= _within(change, controls - auxiliary[t - 1])
+        if not keeps_bounds:
+            raise InputError(f"near_step = {t + 1}: an auxiliary solution violates its bounds")
+
+
+def _within(bounds: Bounds, x: np.ndarray) -> bool:
+    return bool(np.all((bounds.lower - BOUND_TOL <= x) & (x <= bounds.upper + BOUND_TOL)))
 
 
 def _shown(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""Planning again, fast, after a target, a load or a bound has moved a little."""
+"""Fast re-planning after a small change of targets, loads or bounds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .planning_run import PlanningRun
 class Replanner:
     """Keeps a horizon's solver, solution and multipliers, and re-solves from there.
 
-    A motion that differs a little costs a few iterations:
+    A motion that differs slightly takes a few iterations:
 
         again = Replanner(plan)
         plan = again(moved_motion)
@@ -34,12 +34,12 @@ class Replanner:
     Parameters
     ----------
     plan : Plan
-        A converged horizon plan; it is solved once more to get the multipliers.
+        A converged horizon plan; it is solved again to get the multipliers.
 
     Raises
     ------
     InputError
-        If the plan is not a converged one of all time steps.
+        If the plan did not converge or lacks time steps.
     """
 
     @deferred_interrupts()
@@ -50,7 +50,7 @@ class Replanner:
         if len(plan.x) != len(plan.motion.steps) or not plan.converged:
             raise InputError("plan: expected a converged plan of all time steps.")
         options = options or Options()
-        self._turn, self._at_work = threading.RLock(), False
+        self._lock, self._busy = threading.RLock(), False
         self._mesh = plan.mesh
         self._options = replace(options, weights=plan.weights)
         self._optimizer = Optimizer(
@@ -65,29 +65,31 @@ class Replanner:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
 
         Threads take turns. Each re-plan starts from the last one that reached its targets, or else
-        from the plan that was given. One that runs out of time or iterations returns its newest
-        iterate, which need not keep every bound.
+        from the plan of the constructor. One that runs out of time or iterations returns its last
+        iterate, which may violate bounds.
 
-        throw : whether a plan that is not solved raises, as in `plan_motion`.
-        deadline : seconds after which no iteration begins, as in `plan_motion`.
+        Parameters
+        ----------
+        throw, deadline
+            As in `plan_motion`.
 
         Raises
         ------
         PlanError
             If the plan is not solved; the error has the plan.
         InputError
-            If the motion has another structure; plan it anew with `plan_motion`. If a reporter asks
-            the re-planner that it reports on.
+            If the motion has another structure; use `plan_motion`. If a reporter calls the
+            re-planner that it reports on.
         """
         ends = time.perf_counter() + seconds_allowed(deadline)
-        with self._turn:
-            if self._at_work:
-                raise InputError("this Replanner is at work; a reporter needs one of its own.")
-            self._at_work = True
+        with self._lock:
+            if self._busy:
+                raise InputError("this Replanner is busy; a reporter needs a Replanner of its own.")
+            self._busy = True
             try:
                 plan = self._replan(motion, ends)
             finally:
-                self._at_work = False
+                self._busy = False
         return plan.checked() if throw else plan
 
     @deferred_interrupts()
@@ -100,7 +102,7 @@ class Replanner:
         window, planner = self._window(motion)
         if window.structure != self._structure:
             raise InputError(
-                f"{motion.name}: differs from the planned motion in more than numbers; expected "
+                f"{motion.name}: differs from the planned motion in structure; expected "
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
         outcome = optimizer.solve(
@@ -123,13 +125,13 @@ class Replanner:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickle and deepcopy take: all but the solver, which the next call makes anew."""
-        kept = {name: value for name, value in self.__dict__.items() if name != "_turn"}
-        kept["_at_work"] = False
+        """State for pickle and deepcopy: all but the solver, which the next call builds again."""
+        kept = {name: value for name, value in self.__dict__.items() if name != "_lock"}
+        kept["_busy"] = False
         return {**kept, "_optimizer": replace(self._optimizer, _ready={}, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _turn=threading.RLock())
+        self.__dict__.update(state, _lock=threading.RLock())
 
     def _window(self, motion: Motion) -> tuple[Window, PlanningRun]:
         count = len(motion.steps)

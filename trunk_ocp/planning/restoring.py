@@ -1,7 +1,7 @@
-"""A plan from the arrays and attributes of its file, which may claim anything.
+"""A plan from the arrays and attributes of its file, which is untrusted.
 
-Shapes, labels, types and sizes must fit the file's own problem. Whether its numbers solve it is no
-claim of the file: `Plan.status` finds out.
+Shapes, labels, types and sizes must fit the file's own problem. Whether the numbers solve it is not
+taken from the file: `Plan.status` checks it again.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from ..model.anatomy import AnatomySpec
 from ..nlp.window import Weights
 from ..problem.build import build_motion
 from ..problem.motion import Motion
-from ..problem.problem_file import MOST_STEPS, ProblemSpec
+from ..problem.problem_file import MAX_STEPS, ProblemSpec
 from ..rod.arguments import check_mesh
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from ..rod.rod_batch import shape_of_states
 from .plan import MODES, Plan, planned_loads
-from .records import check_near, count, entries, fits, json_of, number, solve_of, table, words
+from .records import check_auxiliary, count, entries, fits, json_of, number, solve_of, table, words
 
-MOST_NODES = 800
-"""Of a mesh, elements times degree: its stability takes matrices of three rows for each."""
-MOST_FAULTS = 20  # of a problem; of more only their number is told, as each takes memory
+MAX_NODES = 800
+"""Of a mesh, elements times degree; its stability takes matrices of three rows for each node."""
+MAX_FAULTS = 20  # of a problem; of more only their number is reported, as each takes memory
 Section = TypeVar("Section", ProblemSpec, AnatomySpec)
 
 
@@ -38,21 +38,21 @@ RECORDS = ("notes", "solves", "versions", "options")
 
 
 def restored(contents: Contents) -> Plan:
-    """The plan that a file has.
+    """The plan that a file contains.
 
     Raises
     ------
     InputError, LookupError, ValueError
-        If it has none; says what is wrong.
+        If it has no valid plan.
     """
     attributes, arrays = contents.attributes, contents.arrays
     planned = len(arrays["head"])
-    if planned > MOST_STEPS:
-        raise InputError(f"it has {planned} time steps; expected at most {MOST_STEPS}")
+    if planned > MAX_STEPS:
+        raise InputError(f"it has {planned} time steps; expected at most {MAX_STEPS}")
     states = _numbers(contents, "state", planned, None, None, STATES)
     edges = _numbers(contents, "edge", states.shape[1] + 1)
     mesh = Mesh(tuple(edges.tolist()), states.shape[2] - 1)
-    check_size(mesh)
+    check_mesh_size(mesh)
     motion = _motion(attributes)
     muscles = motion.trunk.muscles
     if planned > len(motion.steps) or (muscles and contents.texts("muscle") != muscles):
@@ -77,17 +77,17 @@ def restored(contents: Contents) -> Plan:
     )
 
 
-def check_size(mesh: Mesh) -> None:
-    """Raise InputError unless a mesh is one that a plan can be saved with."""
-    if not (mesh.degree >= 1 and mesh.elements * mesh.degree <= MOST_NODES):
+def check_mesh_size(mesh: Mesh) -> None:
+    """Raise InputError if a mesh is too large for a saved plan."""
+    if not (mesh.degree >= 1 and mesh.elements * mesh.degree <= MAX_NODES):
         raise InputError(
             f"its mesh has {mesh.elements} elements of degree {mesh.degree}; expected at most "
-            f"{MOST_NODES} nodes"
+            f"{MAX_NODES} nodes"
         )
 
 
 def check_texts(texts: Sequence[str]) -> None:
-    """Raise InputError unless a problem and an anatomy in JSON are as short as they may be."""
+    """Raise InputError if the JSON of a problem or an anatomy is too long."""
     for name, text in zip(("problem", "anatomy"), texts, strict=True):
         try:
             check_json(text)
@@ -106,17 +106,17 @@ def _motion(attributes: dict[str, Any]) -> Motion:
 
 
 def _valid(model: type[Section], text: str) -> Section:
-    """A problem or an anatomy; InputError with its first fault."""
+    """A problem or an anatomy; InputError with the first fault."""
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
         count = error.error_count()
-        told = f"{count:,} faults"
-        if count <= MOST_FAULTS:
+        faults = f"{count:,} faults"
+        if count <= MAX_FAULTS:
             fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
             where = ".".join(str(part) for part in fault["loc"][:10])
-            told = f"{where}: {fault['msg']}" + (f", and {told} in all" if count > 1 else "")
-        raise InputError(f"it has no valid {model.__name__[:-4].lower()} ({told})") from None
+            faults = f"{where}: {fault['msg']}" + (f", and {faults} in all" if count > 1 else "")
+        raise InputError(f"it has no valid {model.__name__[:-4].lower()} ({faults})") from None
 
 
 def _auxiliary(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, np.ndarray]:
@@ -130,17 +130,17 @@ def _auxiliary(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, n
     if len({*numbers}) != len(numbers) or not {*numbers} <= {*range(len(x))}:
         raise InputError("near_step: expected numbers of planned time steps")
     rows = _unknowns(contents, "near_", len(numbers), len(motion.trunk.muscles))
-    near = dict(zip(numbers, rows, strict=True))
-    # A horizon that was interrupted before it began is the sequential plan that it starts from.
+    auxiliary = dict(zip(numbers, rows, strict=True))
+    # A horizon interrupted before its first window is the sequential plan that it starts from.
     if contents.attributes["plan_mode"] != "sequential" and not contents.attributes["interrupted"]:
         raise InputError("near_step: expected auxiliary solutions of a sequential plan only")
     if contents.attributes["converged"]:
-        check_near(motion, x, near)
-    return near
+        check_auxiliary(motion, auxiliary)
+    return auxiliary
 
 
 def _record(attributes: dict[str, Any]) -> dict[str, Any]:
-    """How the plan was made, as far as a file can say."""
+    """Fields of a plan on how it was made."""
     texts = [words(attributes.get(f"{name}_json", "")) for name in RECORDS]
     if not fits(*texts):
         raise InputError("its records are too large; expected those of one plan")
@@ -166,7 +166,7 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         },
         "notes": tuple(words(note) for note in entries(listed["notes"])),
         "solves": tuple(solve_of(record) for record in entries(listed["solves"])),
-        "versions": {name: words(told) for name, told in named["versions"].items()},
+        "versions": {name: words(text) for name, text in named["versions"].items()},
         "options": named["options"],
     }
 
@@ -180,7 +180,7 @@ def _unknowns(contents: Contents, prefix: str, rows: int, muscles: int) -> np.nd
 
 
 def _numbers(contents: Contents, name: str, *shape: int | None) -> np.ndarray:
-    """An array of real numbers of a shape, of which None fits any length."""
+    """An array of real numbers of a shape, in which None stands for any length."""
     values = contents.arrays[name]
     fits = values.ndim == len(shape) and all(
         n in (None, size) for n, size in zip(shape, values.shape, strict=True)

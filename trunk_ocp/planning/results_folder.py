@@ -1,8 +1,7 @@
-"""What belongs together in a folder of results: which problem file it is of, what is out of date.
+"""Folders of results: the problem file they belong to, and outdated files in them.
 
-Nothing is ever deleted for being out of date. What a run does not replace it moves to `earlier/`,
-file by file, and only files of the names that this program gives; whatever else is in the folder
-stays where it is.
+Outdated files are never deleted. A run moves those that it does not replace to `earlier/`, and only
+files with names that this program gives; all other files stay where they are.
 """
 
 from __future__ import annotations
@@ -40,47 +39,47 @@ OF_RUN = {
     ".": re.compile(r"motion\.html|comparison\.json"),
     "figures": re.compile(r"(comparison|anatomy-[a-z]+)" + FIGURE),
 }
-"""Files that are made from the plan, or the plans, of a run, by the folder they are in."""
-LARGEST_SUMMARY = 20_000_000  # bytes
+"""Files made from one plan, or from all plans of a run, by their folder."""
+MAX_SUMMARY_SIZE = 20_000_000  # bytes
 
 
-# --- whose folder it is --------------------------------------------------------------------
+# --- the problem of a folder --------------------------------------------------------------------
 
 
 def default_folder(problem: str, motion: Motion) -> Path:
-    """`results/NAME` of a motion that was read from `problem`, a shipped name or a path.
+    """Folder `results/NAME` for a motion read from `problem`, a shipped name or a path.
 
     Raises
     ------
     InputError
-        If it has results of another problem file that has the same name.
+        If it has results of another problem file with the same name.
     """
     folder = Path("results") / motion.name
-    told = _table(folder / SOURCE)
-    if told and not is_of(folder, problem) and _hashes_in(told) != hashes(motion):
+    record = _table(folder / SOURCE)
+    if record and not is_of(folder, problem) and _hashes_in(record) != hashes(motion):
         raise InputError(
-            f"{folder}: has results of another problem with the same name, {_shown(told, folder)}; "
-            f"expected results of {problem} or none. Name another folder with --out, or give one "
-            "of the two problems another name."
+            f"{folder}: has results of another problem with the same name, "
+            f"{_shown(record, folder)}; expected results of {problem} or none. Name another folder "
+            "with --out, or rename one of the two problems."
         )
     return folder
 
 
 def sign(folder: Path, problem: str, motion: Motion) -> None:
-    """Keep of which problem file a folder's results are."""
+    """Record the problem file of a folder's results."""
     problem_hash, anatomy_hash = hashes(motion)
-    told = {
+    record = {
         "file": _source(problem, folder),
         "problem_sha256": problem_hash,
         "anatomy_sha256": anatomy_hash,
     }
-    write(folder / SOURCE, json.dumps(told, indent=2) + "\n")
+    write(folder / SOURCE, json.dumps(record, indent=2) + "\n")
 
 
 def is_of(folder: Path, problem: str) -> bool:
-    """Whether nothing speaks against a folder's results being of a problem file."""
-    told = _table(folder / SOURCE)
-    return not told or told.get("file") == _source(problem, folder)
+    """Whether a folder's results belong to a problem file, or have no record of one."""
+    record = _table(folder / SOURCE)
+    return not record or record.get("file") == _source(problem, folder)
 
 
 def _source(problem: str, folder: Path) -> str:
@@ -94,83 +93,87 @@ def _source(problem: str, folder: Path) -> str:
         return path.resolve().as_posix()
 
 
-def _shown(told: dict[str, Any], folder: Path) -> str:
-    """The problem file of a folder as a user would name it here."""
-    file = printable(str(told.get("file")))[:300]
+def _shown(record: dict[str, Any], folder: Path) -> str:
+    """The problem file of a folder, as a path from the working directory if it exists."""
+    file = printable(str(record.get("file")))[:300]
     path = Path(os.path.normpath(folder / file))
     return str(path) if is_file(path) else file
 
 
 def hashes(motion: Motion) -> tuple[str, str]:
-    """Fingerprints of a motion's problem and anatomy: plans with the same belong together."""
+    """Fingerprints of a motion's problem and anatomy."""
     return fingerprint(motion.spec), fingerprint(motion.anatomy)
 
 
-def _hashes_in(told: dict[str, Any]) -> tuple[Any, Any]:
-    """The same of a source.json or a summary.json."""
-    return told.get("problem_sha256"), told.get("anatomy_sha256")
+def _hashes_in(record: dict[str, Any]) -> tuple[Any, Any]:
+    """Fingerprints in a source.json or a summary.json."""
+    return record.get("problem_sha256"), record.get("anatomy_sha256")
 
 
 def _table(path: Path) -> dict[str, Any]:
-    """A table in JSON; an empty one if there is none that can be read."""
+    """Content of a JSON file; empty if it cannot be read."""
     with contextlib.suppress(InputError, ValueError, RecursionError):
-        found = json.loads(read_bytes(path, LARGEST_SUMMARY))
-        return found if isinstance(found, dict) else {}
+        content = json.loads(read_bytes(path, MAX_SUMMARY_SIZE))
+        return content if isinstance(content, dict) else {}
     return {}
 
 
-# --- what is out of date -------------------------------------------------------------------
+# --- outdated files -------------------------------------------------------------------
 
 
 @dataclass
 class Aside:
-    """Files that were moved aside, as (where they were, where they are), and their folder."""
+    """Files that were moved aside, as (old path, new path), and the folder they are in now."""
 
     folder: Path
     moved: list[tuple[Path, Path]] = field(default_factory=list)
-    whole: bool = False
-    """Whether all of it stays, as it is of another problem."""
+    keep_all: bool = False
+    """Whether replaced files stay as well, because they belong to another problem."""
 
     def settle(self) -> Path | None:
-        """Remove what has been replaced since; the folder, if anything in it has not been."""
+        """Remove files that have been replaced since; return the folder if any are left in it."""
         for before, now in self.moved:
-            if before.exists() and not self.whole:
+            if before.exists() and not self.keep_all:
                 now.unlink(missing_ok=True)
         _remove_empty({now.parent for _, now in self.moved}, self.folder.parent)
         return self.folder if self.moved and self.folder.exists() else None
 
 
 def set_aside(folder: Path, plans: Sequence[tuple[str, Plan, str]], problem: str) -> Aside:
-    """Move aside what is out of date once plans of a problem file are saved to a folder.
+    """Move aside the files that new plans of a problem file make outdated in a folder.
 
-    That is what was made from an earlier plan in place of a new one, and plans of another problem
-    or anatomy with all that was made from them. A plan that comes out as before leaves its own.
-    A file that was edited is the same problem, whose new plan replaces the one before.
+    These are files made from an earlier version of a plan, and plans of another problem or anatomy
+    with the files made from them. Files made from an unchanged plan stay. An edited problem file is
+    the same problem, whose new plans replace the earlier ones.
 
-    plans : folder name, plan and activations.csv of each new plan.
+    Parameters
+    ----------
+    plans
+        Folder name, plan and activations.csv of each new plan.
     """
     motion = plans[0][1].motion
-    summaries = [told for own in modes(folder) if (told := _table(own / "summary.json"))]
-    other = any(_hashes_in(told) != hashes(motion) for told in summaries) and (
-        not is_of(folder, problem) or any(told.get("problem") != motion.name for told in summaries)
+    summaries = [summary for path in modes(folder) if (summary := _table(path / "summary.json"))]
+    other = any(_hashes_in(summary) != hashes(motion) for summary in summaries) and (
+        not is_of(folder, problem)
+        or any(summary.get("problem") != motion.name for summary in summaries)
     )
     return _move(list(_out_of_date(folder, plans, other)), folder, other)
 
 
 def set_derived_aside(own: Path, motion: Motion, table: str) -> None:
-    """Move aside what was made from a folder's plan, if one with another table is saved there."""
-    told = _table(own / "summary.json")
-    if told and not (_hashes_in(told) == hashes(motion) and _unchanged(own, table)):
+    """Move aside files made from a folder's plan, if a different plan is to be saved there."""
+    summary = _table(own / "summary.json")
+    if summary and not (_hashes_in(summary) == hashes(motion) and _unchanged(own, table)):
         _move(list(_files(own, OF_PLAN)), own)
 
 
 def set_unfinished_aside(folder: Path, files: Sequence[Path]) -> Path | None:
-    """Move files of unfinished runs aside, as others begin in their place; where they are now."""
+    """Move files of unfinished runs aside before new ones replace them; their new folder."""
     return _move(files, folder).settle()
 
 
-def _move(stale: Sequence[Path], folder: Path, whole: bool = False) -> Aside:
-    """Move files of a folder to a folder in it that was not there before."""
+def _move(stale: Sequence[Path], folder: Path, keep_all: bool = False) -> Aside:
+    """Move files of a folder to a new subfolder."""
     number, aside = 1, folder / EARLIER
     while aside.exists() or aside.is_symlink():
         number += 1
@@ -182,13 +185,13 @@ def _move(stale: Sequence[Path], folder: Path, whole: bool = False) -> Aside:
         os.replace(path, target)
         moved.append((path, target))
     _remove_empty({path.parent for path in stale}, folder)
-    return Aside(aside, moved, whole)
+    return Aside(aside, moved, keep_all)
 
 
 def set_figures_aside(folder: Path, *names: str) -> None:
-    """Move figures aside, by their names without the ending, that are not drawn anew."""
-    wanted = re.compile("(" + "|".join(map(re.escape, names)) + ")" + FIGURE)
-    _move(list(_files(folder, {".": wanted})), folder)
+    """Move aside figures that are not drawn again, by their names without the suffix."""
+    pattern = re.compile("(" + "|".join(map(re.escape, names)) + ")" + FIGURE)
+    _move(list(_files(folder, {".": pattern})), folder)
 
 
 def modes(folder: Path) -> list[Path]:
@@ -208,10 +211,10 @@ def _out_of_date(
     changed = other_anatomy = False
     with contextlib.suppress(OSError):
         for own in modes(folder):
-            told = _table(own / "summary.json")
-            if not told:
+            summary = _table(own / "summary.json")
+            if not summary:
                 continue
-            found = _hashes_in(told)
+            found = _hashes_in(summary)
             if found == expected and (own.name not in new or _unchanged(own, new[own.name][1])):
                 continue
             changed, other_anatomy = True, other_anatomy or found[1] != expected[1]
@@ -226,12 +229,12 @@ def _out_of_date(
 
 def _unchanged(own: Path, table: str) -> bool:
     with contextlib.suppress(InputError):
-        return read_bytes(own / "activations.csv", LARGEST_SUMMARY) == table.encode()
+        return read_bytes(own / "activations.csv", MAX_SUMMARY_SIZE) == table.encode()
     return False
 
 
 def _files(folder: Path, names: dict[str, re.Pattern[str]]) -> Iterator[Path]:
-    """Files of a folder that have one of our names, by the folder in it."""
+    """Files with names that this program gives, in a folder and its subfolders."""
     for part, name in names.items():
         place = folder / part
         if place.is_symlink() or not place.is_dir():
@@ -246,7 +249,7 @@ def _is_own_file(path: Path) -> bool:
 
 
 def _remove_empty(folders: set[Path], top: Path) -> None:
-    """Remove folders that have nothing in them any more, and so those above them, below `top`."""
+    """Remove folders that are empty now, and then empty ones above them, below `top`."""
     for folder in sorted(folders, key=lambda path: len(path.parts), reverse=True):
         place = folder
         while top in place.parents:

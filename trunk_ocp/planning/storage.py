@@ -1,8 +1,8 @@
-"""Plans on disk: labeled, complete, readable by people and programs.
+"""Saving and loading plans.
 
-A folder holds `summary.json` (how good the plan is), `activations.csv` (for a spreadsheet)
-and `solution.nc` (everything, labeled; opens in xarray, MATLAB, R). The last alone restores
-the plan: problem and anatomy are inside.
+A folder has `summary.json` (quality of the plan), `activations.csv` (for a spreadsheet) and
+`solution.nc` (labeled arrays with the problem and the anatomy; opens in xarray, MATLAB, R), from
+which alone the plan is loaded.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from .._support.toml_files import printable, read_bytes
 from ..errors import InputError
 from ..problem.build import as_built
 from .plan import Plan, Status
-from .records import recorded
-from .restoring import check_size, check_texts, restored
+from .records import solves_json
+from .restoring import check_mesh_size, check_texts, restored
 from .results_folder import set_derived_aside
 
 SOLUTION = "solution.nc"
 POINTS = 101
-LARGEST_FILE = 100_000_000
-"""Bytes; twice a plan of as many steps as a motion may have."""
-FORMULAS = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # the wide ones of East Asia too
-LONGEST_REASON = 500  # characters of what is wrong with a file
-MOST_PLANS = 5  # that a message names
+MAX_FILE_SIZE = 100_000_000
+"""Bytes; twice the size of a plan with the largest number of steps."""
+FORMULAS = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # full-width ones included
+MAX_REASON_LENGTH = 500  # characters in a message
+MAX_PLANS_SHOWN = 5
 UNITS = {
     "time": "s",
     "seconds": "s of wall time",
@@ -55,20 +55,20 @@ UNITS = {
 
 @one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
-    """Write a plan to a folder, which is made if need be; each file whole or not at all.
+    """Write a plan to a folder, which is created if needed; each file completely or not at all.
 
-    It replaces a plan that is there. What was made from that one, such as figures and exports,
-    moves to `earlier/` in the folder, unless both are the same.
+    It replaces an earlier plan. If that one was different, files made from it, such as figures and
+    exports, move to `earlier/` in the folder.
 
     Raises
     ------
     InputError
-        If the plan has no time steps, a file cannot be written there, or `load_plan` could not
-        bring it back: its motion is not what its spec and anatomy build.
+        If the plan has no time steps, a file cannot be written, or the file would have another
+        motion: the plan's is not what its spec and anatomy build.
     """
     _check_saving(plan)
     folder = Path(folder)
-    # All of them first, so that a plan that cannot be told leaves the files of the one before.
+    # Make all contents first, so that an error leaves the files of the earlier plan alone.
     report, labeled = json.dumps(summary(plan), indent=2) + "\n", dataset(plan)
     table = activations_table(plan)
     set_derived_aside(folder, plan.motion, table)
@@ -79,19 +79,18 @@ def save_plan(plan: Plan, folder: str | Path) -> None:
 
 
 def _check_saving(plan: Plan) -> None:
-    """Raise InputError for a plan that could not be read back as the plan it is."""
+    """Raise InputError for a plan that could not be read back as the same plan."""
     name = plan.motion.name
     if not len(plan.x):
         raise InputError(f"{name}: the plan has no time steps; nothing to save.")
     if not as_built(plan.motion):
         raise InputError(
             f"{name}: the motion was changed by hand after it was built from its spec and anatomy, "
-            "so the file would have another motion than was planned; expected one that load_motion "
-            "or build_motion returned, or changed by shifted(), limited(), mirrored_motion(). Edit "
-            "its spec, build_motion(spec, anatomy), and plan that."
+            "so the file would have another motion than the planned one. Edit the motion's spec "
+            "instead, and plan motion.with_spec(spec)."
         )
     try:
-        check_size(plan.mesh)
+        check_mesh_size(plan.mesh)
         check_texts([part.model_dump_json() for part in (plan.motion.spec, plan.motion.anatomy)])
     except InputError as error:
         raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
@@ -100,7 +99,10 @@ def _check_saving(plan: Plan) -> None:
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     """Read a plan that `save_plan` wrote, from its folder or from the solution.nc in it.
 
-    throw : False to get a plan that is not solved as well: look at its `status`.
+    Parameters
+    ----------
+    throw : bool
+        False to return a plan that is not solved instead of raising; look at its `status`.
 
     Raises
     ------
@@ -113,11 +115,11 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     path = path if path.name == SOLUTION and not path.is_dir() else path / SOLUTION
     content = _content(path)
     try:
-        with np.errstate(all="ignore"):  # numbers beyond all reason are the plan's status to tell
+        with np.errstate(all="ignore"):  # absurd numbers end in the plan's status
             plan = restored(read_netcdf(content))
-    except Exception as error:  # a damaged file breaks its readers in ways of their own
+    except Exception as error:  # damaged files break readers in many ways
         reason = printable(f"{error}")
-        reason = reason if len(reason) <= LONGEST_REASON else reason[:LONGEST_REASON] + "..."
+        reason = reason if len(reason) <= MAX_REASON_LENGTH else reason[:MAX_REASON_LENGTH] + "..."
         raise InputError(
             f"{path}: cannot be read as a plan ({reason}); expected a file written by solve-motion."
         ) from None
@@ -125,26 +127,28 @@ def load_plan(folder: str | Path, throw: bool = True) -> Plan:
 
 
 def _content(path: Path) -> bytes:
-    """Content of a solution.nc; InputError, with where plans are if it is a folder of folders."""
+    """Content of a solution.nc; InputError that names plans in subfolders, if there are any."""
     if not os.path.exists(path):  # of any name, unlike Path.exists
         plans: list[str] = []
         with contextlib.suppress(OSError, ValueError):
             plans = sorted(str(found.parent) for found in path.parent.glob(f"*/{SOLUTION}"))
         if plans:
-            more = f" or {len(plans) - MOST_PLANS} more" if len(plans) > MOST_PLANS else ""
+            more = (
+                f" or {len(plans) - MAX_PLANS_SHOWN} more" if len(plans) > MAX_PLANS_SHOWN else ""
+            )
             raise InputError(
-                f"{path.parent}: has a folder for each of its plans, and is none itself; expected "
-                f"{printable(' or '.join(plans[:MOST_PLANS]))}{more}."
+                f"{path.parent}: has a subfolder for each of its plans; expected "
+                f"{printable(' or '.join(plans[:MAX_PLANS_SHOWN]))}{more}."
             )
         raise InputError(
             f"{path}: cannot be read as a plan (no such file); expected a file written by "
             "solve-motion."
         )
-    return read_bytes(path, LARGEST_FILE)
+    return read_bytes(path, MAX_FILE_SIZE)
 
 
 def summary(plan: Plan) -> dict[str, Any]:
-    """The plan in numbers, ready for JSON; what is not finite becomes null."""
+    """Quality of a plan, ready for JSON; numbers that are not finite become null."""
     report = {
         "problem": plan.motion.name,
         "mode": plan.mode,
@@ -187,7 +191,7 @@ def summary(plan: Plan) -> dict[str, Any]:
 
 
 def _timesteps(plan: Plan) -> list[dict[str, Any]]:
-    """What `summary` says of each time step."""
+    """Entries of `summary` for each time step."""
     stability = plan.stability
     rows = zip(plan.motion.steps, plan.errors, plan.x, strict=False)
     return [
@@ -209,7 +213,7 @@ def _timesteps(plan: Plan) -> list[dict[str, Any]]:
 
 
 def finite(value: Any) -> Any:
-    """The same with null in place of numbers that JSON does not have."""
+    """The value with null in place of numbers that are not finite."""
     if isinstance(value, dict):
         return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -289,7 +293,7 @@ def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
 
 
 def _attributes(plan: Plan) -> dict[str, Any]:
-    """What is not an array: the problem itself, and how the plan was made."""
+    """Attributes: the problem and the anatomy, and how the plan was made."""
     motion = plan.motion
     others = [json.dumps(part) for part in (plan.notes, plan.versions, plan.options)]
     return {
@@ -297,7 +301,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "problem_json": motion.spec.model_dump_json(),
         "anatomy_json": motion.anatomy.model_dump_json(),
         "notes_json": others[0],
-        "solves_json": recorded(plan.solves, *others),
+        "solves_json": solves_json(plan.solves, *others),
         "status": plan.status.name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
@@ -320,9 +324,9 @@ def _attributes(plan: Plan) -> dict[str, Any]:
 
 
 def activations_table(plan: Plan) -> str:
-    """A table in CSV: one row for each time step, the passive start included.
+    """A CSV table with one row for each time step, rest included.
 
-    A plan that is not solved says so at the end of every row, for no one to take it for one.
+    For a plan that is not solved, every row ends with its status.
     """
     motion, text = plan.motion, io.StringIO(newline="")
     mark = [] if plan.status is Status.SOLVED else [plan.status.name.lower()]
@@ -338,9 +342,9 @@ def activations_table(plan: Plan) -> str:
 
 
 def as_text(cell: str) -> str:
-    """A text that a spreadsheet shows, where it would take some for a formula and run it.
+    """A cell that spreadsheets show as text instead of running it as a formula.
 
-    That is what begins with one of = + - @, a tab or a return. An apostrophe before it says that
-    text follows; it is the only way that all spreadsheets know.
+    They take text that begins with = + - @, a tab or a return for a formula. A leading apostrophe
+    is the only escape that all spreadsheets know.
     """
     return f"'{cell}" if cell.lstrip()[:1] in FORMULAS or cell[:1] in ("\t", "\r") else cell

@@ -1,11 +1,11 @@
-"""Independent equilibria: a planned shape is checked as the two-point problem that it solves.
+"""Independent equilibria near planned shapes, as solutions of a two-point boundary value problem.
 
-A rod with a thin loaded tip cannot be integrated from the base: what is off in m(0) grows by
+A rod with a thin loaded tip cannot be integrated from the base: an error in m(0) grows by
 exp(int (|N| / E I)^(1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod
-is cut into intervals over which little grows, all of them are integrated side by side, and
+is cut into intervals over which errors grow little, all of them are integrated together, and
 Newton's method closes the gaps between them, with the pose at the base and m(L) = 0 at the tip
-(multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only where it
-starts.
+(multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only its
+start.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from ..rod.shape import Shape
 from .independent_rod import TOLERANCE, Rods, Trajectory, base_frames, dop853, jumps_of
 
 TURN = 2.0
-"""Growth exponent and angle of an interval, about: e^2 is a tangent that differences resolve."""
-MOST_INTERVALS = 400
-LARGEST_TURN = 10.0  # of an interval; beyond, differences and steps tell nothing
-STEEPEST = 100.0  # slope across an interval, where it starts at 2 or at most 10
-MOST_SLOPES = 300  # of an interval; it takes 40 to 60
-MOST_FAILURES = 6  # integrations that come to no end, of rods that are solved together
-SAMPLES = 100  # points at which the growth is looked at
-TOGETHER = 32  # rods
-MOST_ROWS = 640  # intervals of rods that are solved together, for memory
-ITERATIONS = 8
-ROUGH = 1e-8  # tolerance of tangents
-CLOSED = 1e-8  # last Newton step, rad and in local units of moment
-FAR = 1e-3  # Newton step above which tangents are taken again
-FARTHEST = 1e6
+"""Growth exponent and angle of an interval, about; differences resolve a tangent of e^2."""
+MAX_INTERVALS = 400
+MAX_TURN = 10.0  # of an interval; beyond, differences and Newton steps are meaningless
+MAX_SLOPE = 100.0  # of the states across an interval; it starts at 2, or at most 10
+MAX_RATES = 300  # right-hand sides per interval; 40 to 60 are usual
+MAX_FAILURES = 6  # integrations of a group of rods that do not finish
+GROWTH_POINTS = 100  # points at which the growth is evaluated
+GROUP_RODS = 32
+MAX_ROWS = 640  # intervals of rods that are solved together, to limit memory
+MAX_ITERATIONS = 8
+TANGENT_TOL = 1e-8  # of the integrations for tangents
+STEP_TOL = 1e-8  # of the last Newton step, rad and in local units of moment
+REUSE_STEP = 1e-3  # Newton step up to which tangents are used again
+MAX_STEP = 1e6  # Newton step of a rod that diverges
 NUDGE = 1e-6  # of the differences that make tangents
 
 
 def equilibria(
     trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape, Z: np.ndarray
 ) -> Trajectory:
-    """Equilibria of H rods next to given shapes (H,) at points Z, sorted; NaN where there is none.
+    """Equilibria of H rods near given shapes (H,) at points Z, sorted; NaN where there is none.
 
-    Where some of the rods take very long, others that do are given up together with them.
+    If some rods of a group take very long, other slow ones are given up together with them.
 
     Parameters
     ----------
@@ -60,8 +60,8 @@ def equilibria(
     path = Trajectory(Z, *(np.full((H, Z.size, *n), np.nan) for n in ((3,), (3, 3), (3,))))
     finite = np.isfinite(x).all(axis=1) & np.isfinite(shape.states).all(axis=(1, 2, 3))
     known = np.flatnonzero(finite)
-    for first in range(0, known.size, TOGETHER):
-        _solve_some(trunk, x, loads, shape, known[first : first + TOGETHER], path)
+    for first in range(0, known.size, GROUP_RODS):
+        _solve_some(trunk, x, loads, shape, known[first : first + GROUP_RODS], path)
     return path
 
 
@@ -73,19 +73,19 @@ def _solve_some(
     some: np.ndarray,
     path: Trajectory,
 ) -> None:
-    """Fill in the path of some rods; by halves where they need many intervals."""
-    of_some, part = [loads[t] for t in some], shape[some]
-    growth = _Growth.of(trunk, x[some, :-2], of_some, part)
+    """Fill in the path of some rods, in halves where they need many intervals."""
+    own_loads, part = [loads[t] for t in some], shape[some]
+    growth = _Growth.of(trunk, x[some, :-2], own_loads, part)
     if not np.all(growth.bearable):
         some = some[growth.bearable]
         return _solve_some(trunk, x, loads, shape, some, path) if some.size else None
     nodes, units = growth.nodes()
-    if some.size > 1 and some.size * (nodes.size - 1) > MOST_ROWS:
+    if some.size > 1 and some.size * (nodes.size - 1) > MAX_ROWS:
         middle = some.size // 2
         for half in (some[:middle], some[middle:]):
             _solve_some(trunk, x, loads, shape, half, path)
         return None
-    found = _TwoPoint.of(trunk, x[some], of_some, part, nodes, units).solve(path.Z)
+    found = _TwoPoint.of(trunk, x[some], own_loads, part, nodes, units).solve(path.Z)
     if found is not None:
         path.position[some], path.directors[some], path.moment[some] = found
     return None
@@ -106,11 +106,11 @@ class _TwoPoint:
     r0 : (H, 3)
         Base positions in m.
     lost : (H,) bool
-        Rods that coil or diverge: they are kept where they were, so as not to hold up the others.
+        Rods that coil up or diverge; they are frozen, so that they do not slow down the others.
     steepness : (H,)
         Largest slope of each rod at the last step of an integration.
     failures : int
-        Integrations that came to no end.
+        Integrations that did not finish.
     """
 
     rods: Rods
@@ -136,8 +136,8 @@ class _TwoPoint:
         """Rods with the states of a shape at their nodes."""
         K = nodes.size - 1
         middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
-        every = [load for load in loads for _ in range(K)]
-        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), every, middle)
+        row_loads = [load for load in loads for _ in range(K)]
+        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), row_loads, middle)
         d, m = shape.directors(nodes), shape.moment(nodes)
         r0, d[:, 0] = base_frames(trunk, x[:, -2:])
         m[:, -1] = 0.0
@@ -150,8 +150,8 @@ class _TwoPoint:
         None where it fails for all.
         """
         tangents, size = np.zeros(0), np.full(len(self.m), math.inf)
-        for _ in range(ITERATIONS):
-            again = bool(np.any(size > FAR))  # at first, and where tangents have changed since
+        for _ in range(MAX_ITERATIONS):
+            again = bool(np.any(size > REUSE_STEP))  # at first, and after large steps
             found: tuple[np.ndarray, ...] | None = self._nudged() if again else self._at_points(Z)
             if found is None:
                 return None
@@ -159,13 +159,13 @@ class _TwoPoint:
                 tangents = self._tangents(found[-1])
             step = solve_linear_bvp(tangents, self._gaps(found[-1][0])[..., None])[..., 0]
             size = np.abs(step).max(axis=(1, 2))
-            self.lost |= ~(size < FARTHEST)
+            self.lost |= ~(size < MAX_STEP)
             size[self.lost] = 0.0
-            if not again and np.all(size < CLOSED):
+            if not again and np.all(size < STEP_TOL):
                 return self._unless_lost(found[:3])
             step[self.lost] = 0.0
             self._move(step)
-        self.lost |= ~(size < CLOSED)
+        self.lost |= ~(size < STEP_TOL)
         found = self._at_points(Z)
         return None if found is None else self._unless_lost(found[:3])
 
@@ -188,10 +188,10 @@ class _TwoPoint:
     def _march(
         self, y: np.ndarray, tolerance: float, at: np.ndarray, pick: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """States from y (copies, H, K, 15), all side by side: at points, and at the right ends.
+        """States from y (copies, H, K, 15), integrated together: at points, and at the right ends.
 
-        Those at points `at` from 0 to 1 are what `pick` (points, m) has of (15, copies, H, K) made
-        flat. None where all rods are lost.
+        At points `at` from 0 to 1 they are the entries `pick` (points, m) of the flattened
+        (15, copies, H, K). None if all rods are lost.
         """
         H, K = len(self.m), self.widths.size
         Z, h = np.tile(self.nodes[:-1], H), np.tile(self.widths, H)
@@ -206,33 +206,33 @@ class _TwoPoint:
         def watch(slopes: np.ndarray) -> None:
             values = slopes.reshape(15, -1, H, K)
             self.steepness = np.abs(values[3:]).max(axis=(0, 1, 3))
-            self.lost |= ~(self.steepness <= STEEPEST)
+            self.lost |= ~(self.steepness <= MAX_SLOPE)
             self._kept(values)
 
         start = np.moveaxis(y, 3, 0).ravel()
-        while self.failures < MOST_FAILURES and not np.all(self.lost):
+        while self.failures < MAX_FAILURES and not np.all(self.lost):
             self.steepness = np.full(H, math.inf)
-            path = dop853(slope, (0.0, 1.0), start, at, tolerance, MOST_SLOPES, pick, watch)
+            path = dop853(slope, (0.0, 1.0), start, at, tolerance, MAX_RATES, pick, watch)
             if path is not None:
                 return path[0], np.moveaxis(path[1].reshape(15, -1, H, K), 0, -1)
             self.failures += 1
-            self.lost |= ~(self.steepness <= min(LARGEST_TURN, self.steepness.max() / 2))
+            self.lost |= ~(self.steepness <= min(MAX_TURN, self.steepness.max() / 2))
         return None
 
     def _kept(self, slopes: np.ndarray) -> np.ndarray:
-        """Slopes (15, copies, H, K) in which lost rods have none."""
+        """Slopes (15, copies, H, K) with zeros for lost rods."""
         if np.any(self.lost):
             slopes[:, :, self.lost] = 0.0
         return slopes
 
     def _nudged(self) -> tuple[np.ndarray] | None:
-        """States (7, H, K, 15) at the right ends, from the left ends and six that are moved."""
+        """States (7, H, K, 15) at the right ends, from the left ends and six perturbed copies."""
         y = np.repeat(self._starts()[None], 7, axis=0)
         d = self.d[:, :-1]
         for i in range(3):
             y[1 + i, ..., 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*d.shape[:2], 9)
             y[4 + i, ..., 12 + i] += NUDGE
-        found = self._march(y, ROUGH, np.zeros(0), np.zeros((0, 0), dtype=int))
+        found = self._march(y, TANGENT_TOL, np.zeros(0), np.zeros((0, 0), dtype=int))
         return None if found is None else (found[1],)
 
     def _tangents(self, ends: np.ndarray) -> np.ndarray:
@@ -280,15 +280,16 @@ class _TwoPoint:
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """How much turns and errors grow along H rods.
+    """Growth of turns and errors along H rods.
 
-    What grows: turns, by curvature; bending, by the force that pulls or pushes; 1 / f(Z).
+    Turns grow by curvature, errors of bending by the tensile or compressive force and by 1 / f(Z).
 
     Attributes
     ----------
-    jumps : where the equations jump, in m
+    jumps : list of float
+        Points in m at which the equations jump.
     Z : (n,)
-        Points in m, even in local radii, jumps among them.
+        Points in m, evenly spaced in units of the local radius, jumps included.
     rates : (H, n)
         Growth exponent and angle in 1/m.
     """
@@ -304,7 +305,7 @@ class _Growth:
     ) -> _Growth:
         """Growth along rods that have about a shape (H,)."""
         jumps = jumps_of(trunk, loads)
-        k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, SAMPLES)
+        k, levels = trunk.taper_rate, np.linspace(0.0, 1.0, GROWTH_POINTS)
         local = -np.expm1(levels * np.log1p(-k * trunk.length)) / k if k else levels * trunk.length
         Z = np.unique([*jumps, *local[1:-1]])  # evenly in local radii
         zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
@@ -318,15 +319,15 @@ class _Growth:
 
     @property
     def bearable(self) -> np.ndarray:
-        """Which rods (H,) can be cut into intervals over which little grows."""
+        """Which rods (H,) can be cut into intervals over which errors grow little."""
         growth = np.sum(np.diff(self.Z) * (self.rates[:, 1:] + self.rates[:, :-1]) / 2, axis=1)
-        return np.asarray(growth < LARGEST_TURN * MOST_INTERVALS)
+        return np.asarray(growth < MAX_TURN * MAX_INTERVALS)
 
     def nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (K + 1,) between which little grows, and the unit of moment at each in N m."""
+        """Nodes (K + 1,) between which errors grow little, and units of moment there in N m."""
         Z, rate = self.Z, self.rates.max(axis=0)
         growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
-        each = max(TURN, growth[-1] / MOST_INTERVALS)
+        each = max(TURN, growth[-1] / MAX_INTERVALS)
         nodes = [0.0]
         for start, end in pairwise(np.searchsorted(Z, self.jumps).tolist()):
             count = max(1, math.ceil((growth[end] - growth[start]) / each))

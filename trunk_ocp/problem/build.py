@@ -15,7 +15,7 @@ from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, vector
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
-from .plausibility import suspicions
+from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .targets import HeldDirection, check_earlier, origins_of, phase_targets, wrap_center
 
@@ -47,7 +47,7 @@ def load_motion(name_or_path: str | Path) -> Motion:
         motion = build_motion(spec, anatomy)
     except InputError as error:
         raise InputError(f"{path}:\n  {error}") from None
-    return replace(motion, warnings=suspicions(motion, path, anatomy_path))
+    return replace(motion, warnings=plausibility_warnings(motion, path, anatomy_path))
 
 
 def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:

@@ -1,4 +1,4 @@
-"""Continuous motion between time steps (section 5.2), and loads that jump where a phase starts."""
+"""Interpolation between time steps (section 5.2), and loads that jump where a phase starts."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from ..errors import InputError
 from ..model.loads import Loads, vector
 from .motion import Motion
 
-ROUNDING = 1e-12  # of the planned time: a time as near as this to a time step is at it
-SAME = 1e-6  # relative; loads that differ by less are the same to the solver that found them
+TIME_ROUND_OFF = 1e-12  # of the planned time; times closer than this to a time step are at it
+LOAD_TOL = 1e-6  # relative difference of loads, below which it is the solver's inaccuracy
 
-# Columns of the table of loads, by their names in a problem file.
+# Columns of the table of loads, named as in a problem file.
 PARTS = {
     "tip_force": slice(0, 3),
     "tip_mass": slice(3, 6),
@@ -28,12 +28,12 @@ def interpolate(motion: Motion, values: np.ndarray, t: float) -> np.ndarray:
     """Values at time t in s from those at time steps 0, 1, ...: (steps + 1, n) to (n,).
 
     "cosine" blends neighbors with zero rate at both; "none" holds the earlier one.
-    "hermite" is a cubic Hermite spline over the phase. The paper leaves its slopes open;
-    here they are the monotone ones of Fritsch & Butland, so that no value leaves the interval
-    of its neighbors, and zero at the ends of the phase, so that it joins what comes before and
-    after smoothly and the motion ends at rest. The extension of a segment, a sum over muscles
-    that each move at their own pace, may leave its bounds a little between steps (by 0.0035 at
-    most in the shipped motions); with "cosine" it cannot.
+    "hermite" is a cubic Hermite spline over the phase. The paper does not give its slopes; here
+    they are the monotone ones of Fritsch & Butland, so that no value leaves the interval of its
+    neighbors, and zero at the ends of the phase, so that it joins the neighboring phases smoothly
+    and the motion ends at rest. The extension of a segment, a sum over muscles with different
+    rates, may exceed its bounds slightly between steps (by at most 0.0035 in the shipped motions);
+    with "cosine" it cannot.
 
     Raises
     ------
@@ -63,14 +63,14 @@ def interpolate(motion: Motion, values: np.ndarray, t: float) -> np.ndarray:
 def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = False) -> Loads:
     """Loads at time t in s, from those of the planned steps 1, 2, ...
 
-    At a time step they are the step's own, and before the first one weight alone. In between,
-    each load follows its phase's interpolation, from what it was at the step before - or, if it
-    jumps, from what the phase begins with; see `JumpSpec`.
+    At a time step they are the step's own, at rest weight alone. In between, each load follows its
+    phase's interpolation, from its value at the step before - or, if it jumps, from its value right
+    after the start of the phase; see `JumpSpec`.
 
     Parameters
     ----------
     after : bool
-        At the start of a phase, the loads right after it, when those that jump have jumped.
+        At the start of a phase, the loads right after those that jump have jumped.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = F
     if at_step and not (after and step in _starts(motion, len(planned))):
         return planned[step - 1] if step else Loads(motion.gravity)
     end = step + 1 if at_step else step
-    table = _begun(motion, _table(motion, planned), end)
+    table = _after_jumps(motion, _table(motion, planned), end)
     row = table[step] if at_step else interpolate(motion, table, t)
     tip = row[PARTS["tip_force"]] + row[PARTS["tip_mass"]] + row[PARTS["pull"]]
     contact = row[PARTS["contact"]]
@@ -108,7 +108,7 @@ def jumps(motion: Motion, planned: Sequence[Loads]) -> tuple[float, ...]:
 
 
 def _number(t: object) -> float:
-    """A time as a number; InputError for what is none."""
+    """A time as a number; InputError if it is not one."""
     try:
         value = np.asarray(t, dtype=float)
     except (TypeError, ValueError):
@@ -119,26 +119,23 @@ def _number(t: object) -> float:
 
 
 def planned_time(motion: Motion, count: int, t: float) -> float:
-    """Time t in s, moved to rest or one of `count` time steps where it is a rounding error away.
+    """Time t in s, moved to rest or one of `count` time steps if it differs by round-off only.
 
     Raises
     ------
     InputError
-        If t is no number, or outside the planned time by more than rounding error.
+        If t is not a number, or is outside the planned time by more than rounding error.
     """
     times, t = _times(motion, count), _number(t)
     end = float(times[-1])
-    if not -ROUNDING * end <= t <= end * (1 + ROUNDING):
+    if not -TIME_ROUND_OFF * end <= t <= end * (1 + TIME_ROUND_OFF):
         raise InputError(f"t = {t!r}: expected a time from 0 to {end!r} s.")
     nearest = float(times[np.argmin(np.abs(times - t))])
-    return nearest if abs(nearest - t) <= ROUNDING * end else t
+    return nearest if abs(nearest - t) <= TIME_ROUND_OFF * end else t
 
 
 def with_marks(times: np.ndarray, marks: Sequence[float], gap: float) -> np.ndarray:
-    """Sorted times and marks in s; marks take the place of times that are no gap away.
-
-    The first and the last time stay.
-    """
+    """Sorted times and marks in s; marks replace times closer than `gap`, except both ends."""
     if not len(marks):
         return times
     apart = np.abs(times[:, None] - np.asarray(marks)).min(axis=1) > gap
@@ -151,13 +148,13 @@ def _times(motion: Motion, count: int) -> np.ndarray:
 
 
 def _starts(motion: Motion, count: int) -> list[int]:
-    """Time steps 0, 1, ... after which a phase starts that has planned steps."""
+    """Time steps 0, 1, ... at which a phase with planned steps starts."""
     phases = [-1, *(step.phase for step in motion.steps[:count])]
     return [step for step in range(count) if phases[step + 1] != phases[step]]
 
 
 def _table(motion: Motion, planned: Sequence[Loads]) -> np.ndarray:
-    """Loads at rest and at the planned steps, part by part: (steps + 1, 16), see `PARTS`."""
+    """Loads at rest and at the planned steps, split into `PARTS`: (steps + 1, 16)."""
     table = np.zeros((len(planned) + 1, GRAVITY + 1))
     table[0, GRAVITY] = motion.gravity
     for row, load, step in zip(table[1:], planned, motion.steps, strict=False):
@@ -165,30 +162,30 @@ def _table(motion: Motion, planned: Sequence[Loads]) -> np.ndarray:
         row[PARTS["tip_mass"]] = (0.0, 0.0, mass * motion.spec.gravity)  # as when it was built
         if step.pull is not None:
             row[PARTS["pull"]] = np.subtract(load.tip_force, step.loads.tip_force)
-        known = row[PARTS["tip_mass"]] + row[PARTS["pull"]]
-        row[PARTS["tip_force"]] = load.tip_force - known
+        others = row[PARTS["tip_mass"]] + row[PARTS["pull"]]
+        row[PARTS["tip_force"]] = load.tip_force - others
         row[PARTS["contact"]] = (*load.contact_force, *load.contact_couple)
         row[GRAVITY] = load.gravity
     return table
 
 
-def _begun(motion: Motion, table: np.ndarray, step: int) -> np.ndarray:
-    """A table of loads with those that jump as they are when the phase of a step begins."""
+def _after_jumps(motion: Motion, table: np.ndarray, step: int) -> np.ndarray:
+    """A table of loads in which those that jump have their values right after a phase's start."""
     table, phase = table.copy(), motion.steps[step - 1].phase
     before = next(n for n, other in enumerate(motion.steps) if other.phase == phase)
     spec = motion.spec.phases[phase].loads
     for name, columns in PARTS.items():
         if getattr(spec.jump, name):
-            grows = name == "pull" and (spec.pull is None or spec.pull.ramp)
-            table[before, columns] = 0.0 if grows else table[before + 1, columns]
+            ramps = name == "pull" and (spec.pull is None or spec.pull.ramp)
+            table[before, columns] = 0.0 if ramps else table[before + 1, columns]
     return table
 
 
 def _differ(a: Loads, b: Loads) -> bool:
-    """Whether two loads are more than round-off and a solver's tolerance apart."""
+    """Whether two loads differ by more than the solver's tolerance."""
     pairs = ((getattr(x, name) for x in (a, b)) for name in ("tip_force", "contact_force",
              "contact_couple"))  # fmt: skip
     return any(
-        np.abs(np.subtract(p, q)).max() > SAME * max(np.abs(p).max(), np.abs(q).max())
+        np.abs(np.subtract(p, q)).max() > LOAD_TOL * max(np.abs(p).max(), np.abs(q).max())
         for p, q in pairs
     )

@@ -1,7 +1,7 @@
-"""What a file may say but hardly means: slips of unit and of sign, told before planning.
+"""Plausibility warnings: likely mistakes of unit or sign in a problem or an anatomy.
 
-Nothing here is an error: every value is legal and will be planned. The thresholds are far from
-what living trunks and soft arms need, and from the shipped motions.
+They are no errors: every value is legal and will be planned. The thresholds are far from the values
+of living trunks, of soft arms and of the shipped motions.
 """
 
 from __future__ import annotations
@@ -17,29 +17,29 @@ from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import mass_beyond
 from ..model.overlaps import overlapping
 from .motion import Motion, Step
-from .problem_file import MOST_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
+from .problem_file import MAX_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
 from .targets import Target, bezier, way_points
 
-MOST_WARNINGS = 20
+MAX_WARNINGS = 20
 LONGEST_TRUNK = 30.0  # m
 LIGHTEST_TISSUE = 25.0  # kg/m^3; water is 1 in g/cm^3, foams begin here
 LARGEST_SAG = 0.5  # density g L / E: strain of the base under the trunk's own weight
-POINTED = 0.01  # of the base's radius, below which a tip counts as a point
-STRONGEST = 10.0  # activation; the paper's is 3.5
-MOST_CONTROLS = 4  # points of a path; a cubic curve has four, a list of way points has more
+POINTED = 0.01  # of the radius at the base, below which a tip is nearly a point
+STRONGEST = 10.0  # |activation|; at most 3.5 in the paper
+CUBIC_POINTS = 4  # control points of a cubic; a path with more may be meant as way points
 LARGEST_LOAD = 100.0  # times E I / L^2, which bends the trunk to about its own length
 LONGEST_PHASE = 300.0  # s
-SMALLEST_CHANGE = 0.3  # degrees
-SLACK = 1e-6
-OFF_STEP = 1e-4  # share of a step by which a way point may be beside it
+SMALLEST_ANGLE = 0.3  # degrees; smaller bounds look like radians
+BOUND_TOL = 1e-6
+OFF_STEP = 1e-4  # share of a step by which a way point may be off it
 
 Finding = tuple[str, object, str]
-"""Key, value, and what it looks like with what to write."""
+"""Key, value, and a text on what it looks like and what to write."""
 
 
-def suspicions(motion: Motion, problem: Path, anatomy: Path) -> tuple[str, ...]:
-    """Sentences on what looks wrong in a motion and its trunk, with file, key and value."""
-    found = [
+def plausibility_warnings(motion: Motion, problem: Path, anatomy: Path) -> tuple[str, ...]:
+    """Warnings on a motion and its anatomy, a sentence each with file, key and value."""
+    warnings = [
         f"{file}: {key} = {_show(value)}: {text}."
         for file, findings in (
             (anatomy, _of_anatomy(motion.anatomy, motion.gravity)),
@@ -48,8 +48,8 @@ def suspicions(motion: Motion, problem: Path, anatomy: Path) -> tuple[str, ...]:
         )
         for key, value, text in findings
     ]
-    more = len(found) - MOST_WARNINGS
-    return tuple(found[:MOST_WARNINGS] + ([f"{problem}: and {more} more."] if more > 0 else []))
+    more = len(warnings) - MAX_WARNINGS
+    return tuple(warnings[:MAX_WARNINGS] + ([f"{problem}: and {more} more."] if more > 0 else []))
 
 
 def _show(value: object) -> str:
@@ -69,7 +69,7 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
         hint = _smaller(head.pivot_radius, spec.length)
         yield "head.pivot_radius", head.pivot_radius, f"looks like {hint}"
     if spec.base_radius_over_length > 1:
-        text = "the trunk is thicker than long; radii are shares of its length"
+        text = "the trunk is thicker than it is long; radii are fractions of its length"
         yield "base_radius_over_length", spec.base_radius_over_length, text
     if 0 < material.density < LIGHTEST_TISSUE:
         yield "material.density", material.density, _grams(material.density)
@@ -106,12 +106,12 @@ def _of_muscles(trunk: Trunk) -> Iterator[Finding]:
             f"segments[{one.segment + 1}].muscles",
             f"{one.name} and {two.name}",
             f"they overlap, at radii from {low / trunk.length:.3g} to {high / trunk.length:.3g} of "
-            "the length, where tissue would count twice; give them other radii or sectors",
+            "the length, where tissue would count twice; change their radii or sectors",
         )
 
 
 def _smaller(value: float, most: float) -> str:
-    """Which units a length that is too large may be in, and what to write for m."""
+    """Likely units of a length that is too large, and what to write for m."""
     if value * 1e-2 > most:
         return f"mm; write {value * 1e-3:g} for m"
     return f"mm or cm; write {value * 1e-3:g} or {value * 1e-2:g} for m"
@@ -132,14 +132,18 @@ def _radians(values: Iterable[float]) -> str:
 def _of_problem(motion: Motion) -> Iterator[Finding]:
     spec = motion.spec
     if spec.gravity < 0:
-        yield "gravity", spec.gravity, "pulls upwards; +Z points down, so weight has a positive one"
+        yield (
+            "gravity",
+            spec.gravity,
+            "pulls upwards; +Z points down, so weight is positive",
+        )
     if abs(spec.gravity) > 100:
         unit, factor = ("cm", 1e-2) if abs(spec.gravity) < 3000 else ("mm", 1e-3)
         text = f"looks like {unit}/s^2; write {factor * spec.gravity:g} for m/s^2"
         yield "gravity", spec.gravity, text
     yield from _limits(spec.bounds, "bounds")
     if spec.bounds.extension[0] > 5:
-        text = "a share of the length at rest, such as [0.67, 1.35]; this looks like percent"
+        text = "a fraction of the length at rest, such as [0.67, 1.35]; this looks like percent"
         yield "bounds.extension", spec.bounds.extension, text
     yield from _tolerances(motion.tolerance, motion.trunk.length)
     for number, phase in enumerate(spec.phases, 1):
@@ -170,7 +174,9 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
         least, most = (-high, -low) if only_lengthens else (low, high)
         text = f"negative contracts; write [{least / unit:g}, {most / unit + 0.0:g}]"
         if percent:
-            text = f"looks like percent; an activation is a share of a fiber's length, and {text}"
+            text = (
+                f"looks like percent; an activation is a fraction of a fiber's length, and {text}"
+            )
             yield key, (low, high), text
         elif only_lengthens:
             yield key, (low, high), f"only lengthens; {text}"
@@ -183,11 +189,11 @@ def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
 def _tolerances(tolerance: tuple[float, float], length: float) -> Iterator[Finding]:
     position, direction = tolerance
     if position >= length / 2:
-        text = f"every point within {position:g} m counts as reached, and the trunk is {length:g} m"
+        text = f"every point within {position:g} m counts as reached, but the trunk is {length:g} m"
         text = f"{text} long; it looks like mm, write {position / 1000:g} for m"
         yield "tolerance.position", position, text
     if direction >= 1:
-        text = "a director off by 60 degrees counts as reached; it is the length of its error"
+        text = "a director off by 60 degrees counts as reached; write the length of its error"
         yield "tolerance.direction", direction, f"{text}, about {math.radians(direction):.2g}"
 
 
@@ -198,10 +204,10 @@ def _phase(phase: PhaseSpec, where: str, motion: Motion) -> Iterator[Finding]:
     for number, change in enumerate(phase.change, 1):
         for name in ("head_z_deg", "head_y_deg"):
             angles = getattr(change, name)
-            if angles is not None and 0 < max(map(abs, angles)) < SMALLEST_CHANGE:
+            if angles is not None and 0 < max(map(abs, angles)) < SMALLEST_ANGLE:
                 yield f"{where}.change[{number}].{name}", angles, _radians(angles)
     near = phase.auxiliary.head_deviation_deg if phase.auxiliary else None
-    if near is not None and 0 < near < SMALLEST_CHANGE:
+    if near is not None and 0 < near < SMALLEST_ANGLE:
         yield f"{where}.auxiliary.head_deviation_deg", near, _radians((near,))
     wrap = phase.wrap
     if wrap is not None:
@@ -218,8 +224,8 @@ def _phase(phase: PhaseSpec, where: str, motion: Motion) -> Iterator[Finding]:
 
 
 def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterator[Finding]:
-    """A path whose points look like way points; way points at which nothing is asked."""
-    if place.path is not None and len(place.path) > MOST_CONTROLS:
+    """Paths whose points look like way points, and way points that lie between time steps."""
+    if place.path is not None and len(place.path) > CUBIC_POINTS:
         points = np.array(place.path)
         curve = np.array([bezier(place.path, t) for t in np.linspace(0, 1, 201)])
         away = np.linalg.norm(points[:, None] - curve, axis=-1).min(axis=1).max()
@@ -227,8 +233,8 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
             yield (
                 f"{where}.path",
                 f"{len(points)} points",
-                "these are Bezier control points, of which the curve meets the first and the last "
-                f"only and misses others by up to {away:.2g} m; for way points write through = "
+                "these are Bezier control points, of which the curve meets only the first and the "
+                f"last; it misses others by up to {away:.2g} m; for way points write through = "
                 "[...] in place of path",
             )
     if place.through is not None:
@@ -239,7 +245,7 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
 def _first_way_point(
     spec: TargetSpec, phase: PhaseSpec, before: Step | None, last: Target, key: str, near: float
 ) -> Iterator[Finding]:
-    """A way point at the phase's start, where no step of this phase is, that no one asks for.
+    """A way point at the phase's start, which is no step of this phase, that no target covers.
 
     `last` is the target at the phase's end, which is where the last way point is.
     """
@@ -261,16 +267,16 @@ def _first_way_point(
 
 
 def _between_steps(times: np.ndarray, phase: PhaseSpec, key: str) -> Iterator[Finding]:
-    """Way points at times (n,) in s from the phase's start that are at none of its steps."""
+    """Way points, at times (n,) in s from the phase's start, that are at none of its steps."""
     number = times / phase.duration
     off = np.abs(number * phase.steps - np.round(number * phase.steps)) > OFF_STEP
     if not off.any():
         return
-    counts = np.arange(1, MOST_STEPS + 1)[:, None]
+    counts = np.arange(1, MAX_STEPS + 1)[:, None]
     fits = np.all(np.abs(number * counts - np.round(number * counts)) <= OFF_STEP, axis=1)
     hint = f"steps = {np.argmax(fits) + 1} would put one at each" if fits.any() else "add steps"
     verb = "lies" if off.sum() == 1 else "lie"
-    text = f"{off.sum()} of them {verb} between time steps; targets are enforced only at time steps"
+    text = f"{off.sum()} of them {verb} between time steps; targets hold only at time steps"
     yield key, f"{len(times)} way points", f"{text}; {hint}"
 
 
@@ -300,7 +306,7 @@ def _loads(spec: LoadsSpec, where: str, motion: Motion) -> Iterator[Finding]:
 
 
 def _jumps(loads: LoadsSpec, before: PhaseSpec | None, where: str) -> Iterator[Finding]:
-    """Loads that are to jump where there are none, before or after."""
+    """Loads that are to jump but are not there, before or after."""
     both = [loads, *([before.loads] if before else [])]
     there = {
         "tip_force": any(any(one.tip_force) for one in both),
@@ -314,12 +320,12 @@ def _jumps(loads: LoadsSpec, before: PhaseSpec | None, where: str) -> Iterator[F
         stated = name in loads.jump.model_fields_set and getattr(loads.jump, name)
         if stated and not exists:
             phases = "this phase and the one before have" if before else "this phase has"
-            text = f"{phases} no such load, so nothing jumps; add the load or leave this out"
+            text = f"{phases} no such load, so nothing jumps; add the load or remove this key"
             yield f"{where}.loads.jump.{name}", "true", text
 
 
 def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) -> Iterator[Finding]:
-    """Targets that no one asks for, or that no trunk of this length can reach."""
+    """Phases without a weight, and targets that no trunk of this length can reach."""
     counting = [
         t
         for step in steps
@@ -327,7 +333,7 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
         if (t.position is not None and t.position_weight > 0) or t.pairs()
     ]
     if not counting:
-        yield where, phase.name, "every weight is 0, so nothing is asked of the trunk"
+        yield where, phase.name, "every weight is 0, so the phase has no target"
     stretch, pivot = motion.extension[1], motion.trunk.head.pivot_radius
     for step in steps:
         for n, target in enumerate(step.targets):
@@ -343,7 +349,7 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
 def _too_far(
     phase: PhaseSpec, where: str, n: int, position: tuple[float, float, float], reach: float
 ) -> Finding:
-    """Target `n` (from 0) of a step, beyond reach: by the key and the numbers of the file."""
+    """Warning on target `n` (from 0) of a step, with the key and the value of the file."""
     place: TargetSpec | WrapSpec | None = phase.wrap
     key = f"{where}.wrap"
     if n < len(phase.targets):
@@ -361,34 +367,36 @@ def _too_far(
 
 
 def _unreachable(away: float, reach: float) -> str:
-    text = f"{away:.3g} m from the base at rest, of which this point reaches {reach:.3g} m at most"
+    text = f"{away:.3g} m from the base at rest; this point reaches at most {reach:.3g} m"
     for unit, factor in (("cm", 1e-2), ("mm", 1e-3)):
         if 0.1 * reach < factor * away <= reach:
-            return f"{text}; it looks like {unit}, write {factor:g} times as much for m"
-    return f"{text}; it can only be missed"
+            return f"{text}; it looks like {unit}, write {factor:g} times the value for m"
+    return f"{text}, so it will be missed"
 
 
 def _impossible(motion: Motion) -> Iterator[Finding]:
-    """Bounds that leave no plan: each alone is legal, together they exclude each other."""
+    """Bounds that contradict each other, so that no plan can keep them."""
     A = strain_matrix(motion.trunk)[:, 0]
     names = (*motion.trunk.muscles, "head_z_deg", "head_y_deg")
-    low = high = np.zeros(len(names))  # what each unknown can be, from rest on
+    low = high = np.zeros(len(names))  # range of each control, from rest on
     for number, step in enumerate(motion.steps, 1):
         low = np.maximum(low + step.change.lower, step.box.lower)
         high = np.minimum(high + step.change.upper, step.box.upper)
         where = f"phases[{step.phase + 1}]"
-        for i in np.flatnonzero(low > high + SLACK).tolist():
+        for i in np.flatnonzero(low > high + BOUND_TOL).tolist():
             text = "its bounds cannot be reached by the changes allowed from rest on; no plan can"
-            yield f"{where}.change", names[i], f"at step {number}, {text} hold both"
+            yield f"{where}.change", names[i], f"at step {number}, {text} keep both"
             return
         least = 1 + np.minimum(A * low[:-2], A * high[:-2]).sum(axis=1)
         most = 1 + np.maximum(A * low[:-2], A * high[:-2]).sum(axis=1)
-        outside = (least > motion.extension[1] + SLACK) | (most < motion.extension[0] - SLACK)
+        outside = (least > motion.extension[1] + BOUND_TOL) | (
+            most < motion.extension[0] - BOUND_TOL
+        )
         for i in np.flatnonzero(outside).tolist():
             yield (
                 "bounds.extension",
                 motion.extension,
-                f"at step {number} the activations allowed make segment {i + 1} from "
-                f"{least[i]:.4g} to {most[i]:.4g} times as long; no plan can hold both",
+                f"at step {number} the allowed activations make segment {i + 1} from "
+                f"{least[i]:.4g} to {most[i]:.4g} times as long; no plan can keep both",
             )
             return

@@ -1,8 +1,8 @@
-"""The format of a problem file: what a user may write to declare a motion.
+"""The format of a problem file.
 
 Angles are in degrees and say so in their names; everything else is SI, in space axes, with
-+Z pointing down. `motion.py` turns a validated file into numbers; the JSON Schema for
-editors is made from these classes.
++Z pointing down. `build.py` turns a validated file into a motion; the JSON Schema for
+editors is generated from these classes.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ Vec3 = tuple[Number, Number, Number]
 Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
 
-MOST_STEPS = 1000
-"""Of a motion; all are one NLP, which takes minutes and gigabytes beyond."""
-MOST_POINTS = 100
-"""Of a wrap, and targets of a phase: a trunk has no more places than that to steer."""
-MOST_CONTROLS = 50
-"""Control points of a curve; the powers of more are beyond the digits of a number."""
-MOST_WAY_POINTS = 1000
-"""Of a curve through way points."""
-MOST_ENTRIES = 1000
-"""Of any other list."""
+MAX_STEPS = 1000
+"""Most steps of a motion; as one NLP, more would take minutes and gigabytes."""
+MAX_POINTS = 100
+"""Most points of a wrap, and targets of a phase."""
+MAX_CONTROL_POINTS = 50
+"""Most control points of a Bezier curve; more would exceed double precision."""
+MAX_WAY_POINTS = 1000
+"""Most way points of a curve."""
+MAX_ENTRIES = 1000
+"""Most entries of any other list."""
 ROUND_OFF = 1e-9
-"""Share of a phase by which its last way point may be late; others are further apart."""
+"""Share of a phase by which its last way point may be late; way points are further apart."""
 
 
 class HeldSpec(Strict):
-    """A direction taken from the motion itself: the one that time step `step` reaches."""
+    """A direction taken from the motion itself: the one reached at an earlier time step."""
 
     held_from_step: Annotated[PositiveInt, Field(description="time step, counted from 1")]
 
@@ -43,7 +43,7 @@ Direction = Vec3 | HeldSpec
 
 WayPoint = Annotated[tuple[Number, ...], MinLen(3), MaxLen(4)]
 """[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
-WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MOST_WAY_POINTS)]
+WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MAX_WAY_POINTS)]
 THROUGH = (
     "way points on a smooth curve, followed over the phase: rows [t, x, y, z] with t in s from "
     "the phase's start, or [x, y, z] at equal times"
@@ -51,7 +51,7 @@ THROUGH = (
 
 
 def _check_rows(rows: tuple[WayPoint, ...]) -> None:
-    """Raise ValueError unless way points all have a time or all have none, and times increase."""
+    """Raise ValueError unless all way points have a time or none has, and times increase."""
     if len({len(row) for row in rows}) > 1:
         raise ValueError("through: expected rows all [x, y, z] or all [t, x, y, z], not both")
     if len(rows[0]) == 3:
@@ -85,7 +85,7 @@ def _check_times(times: list[float], duration: float) -> None:
 
 
 class TargetSpec(Strict):
-    """Where one point of the trunk should be, and which way it should face (eq. 41)."""
+    """Desired position and directions of one point of the trunk (eq. 41)."""
 
     Z: Annotated[NonNegative, Field(description="point of the trunk, m from the base")]
     position: Vec3 | None = None
@@ -93,7 +93,7 @@ class TargetSpec(Strict):
         tuple[Vec3, ...] | None,
         Field(
             min_length=2,
-            max_length=MOST_CONTROLS,
+            max_length=MAX_CONTROL_POINTS,
             description="Bezier control points; followed over the phase (eq. 53). The curve "
             "meets the first and the last only",
         ),
@@ -127,11 +127,13 @@ class WrapSpec(Strict):
     """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
 
     Z: Annotated[Pair, Field(description="first and last point of the trunk that wraps, m")]
-    points: Annotated[int, Field(ge=2, le=MOST_POINTS)] = 6
+    points: Annotated[int, Field(ge=2, le=MAX_POINTS)] = 6
     log_radius: Positive
     angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
     center: Vec3 | None = None
-    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MOST_CONTROLS)] = None
+    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MAX_CONTROL_POINTS)] = (
+        None
+    )
     through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
     origin: Origin = "base"
     position_weights: tuple[NonNegative, ...]
@@ -176,8 +178,8 @@ class LogSpec(Strict):
 class JumpSpec(Strict):
     """Loads that change at once where their phase starts; the others are interpolated in time.
 
-    Right after the start, a load that jumps has the phase's value, a pull that grows none, and
-    what the phase before had is gone.
+    Right after the start, a load that jumps has the value of its phase, a pull that ramps is 0, and
+    loads of the phase before are gone.
     """
 
     tip_force: bool = False
@@ -213,14 +215,14 @@ class LoadsSpec(Strict):
 
 
 class LimitsSpec(Strict):
-    """Bounds of one phase; what is left out is as in the motion's [bounds]."""
+    """Bounds of one phase; those left out are as in the motion's [bounds]."""
 
     activation: Pair | None = None
     muscles: Annotated[
         dict[str, Pair],
         Field(
             description="by name or pattern (R1-dl, *3-dl, L*); later ones override",
-            max_length=MOST_ENTRIES,
+            max_length=MAX_ENTRIES,
         ),
     ] = Field(default_factory=dict)
     head_z_deg: Pair | None = None
@@ -277,8 +279,7 @@ class ChangeSpec(Strict):
 class AuxiliarySpec(Strict):
     """Sequential solve only: first solve the step without loads (appendix B).
 
-    The unloaded optimum is where the loaded one starts and, with a deviation, what it must
-    stay near.
+    The loaded solve starts from the unloaded optimum and, with a deviation, stays near it.
     """
 
     activation_deviation: NonNegative | None = None
@@ -286,17 +287,17 @@ class AuxiliarySpec(Strict):
 
 
 class PhaseSpec(Strict):
-    """A stretch of the motion with one kind of target, load and bound."""
+    """A part of the motion with the same kind of targets, loads and bounds."""
 
     name: Text
     duration: Positive
-    steps: Annotated[PositiveInt, Field(le=MOST_STEPS)] = 1
+    steps: Annotated[PositiveInt, Field(le=MAX_STEPS)] = 1
     interpolation: Interpolation = "cosine"
-    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MOST_POINTS)] = ()
+    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_POINTS)] = ()
     wrap: WrapSpec | None = None
     loads: LoadsSpec = LoadsSpec()
     bounds: LimitsSpec = LimitsSpec()
-    change: Annotated[tuple[ChangeSpec, ...], Field(max_length=MOST_ENTRIES)] = ()
+    change: Annotated[tuple[ChangeSpec, ...], Field(max_length=MAX_ENTRIES)] = ()
     auxiliary: AuxiliarySpec | None = None
 
     @model_validator(mode="after")
@@ -316,7 +317,7 @@ class PhaseSpec(Strict):
 
 
 class ToleranceSpec(Strict):
-    """When a target counts as reached; a motion that misses one is not called solved."""
+    """Errors up to which a target counts as reached; a motion that misses one is not solved."""
 
     position: Annotated[
         Positive | None,
@@ -336,15 +337,15 @@ class ProblemSpec(Strict):
     gravity: Number = 9.8
     bounds: BoundsSpec
     tolerance: ToleranceSpec = ToleranceSpec()
-    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1, max_length=MOST_STEPS)]
+    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1, max_length=MAX_STEPS)]
 
     @model_validator(mode="after")
     def _planned_together(self) -> ProblemSpec:
         count = sum(phase.steps for phase in self.phases)
-        if count > MOST_STEPS:
+        if count > MAX_STEPS:
             raise ValueError(
-                f"phases have {count} steps together; expected at most {MOST_STEPS}, which are "
-                "planned as one NLP. Split the motion into files"
+                f"phases have {count} steps together; expected at most {MAX_STEPS}, which are "
+                "planned as one NLP. Split the motion into several files"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""Where points of the trunk should be at a time step (eqs. 41-53)."""
+"""Targets of a time step: positions and directions of points of the trunk (eqs. 41-53)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, Vec3, Wa
 
 @dataclass(frozen=True)
 class HeldDirection:
-    """A director (0, 1, 2) at Z that the trunk reaches at time step `step` (from 0)."""
+    """The director (0, 1, 2) at Z (m) that the trunk reaches at time step `step` (from 0)."""
 
     step: int
     Z: float
@@ -44,7 +44,7 @@ class Target:
     source: str = ""
 
     def pairs(self) -> list[tuple[int, Direction, float]]:
-        """The directors that count: (index, desired direction, weight)."""
+        """Directors with a direction and a weight: (director, desired direction, weight)."""
         return [
             (j, d, w)
             for j, (d, w) in enumerate(zip(self.directions, self.direction_weights, strict=True))
@@ -69,7 +69,7 @@ def origins_of(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
 
 @lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
 def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
-    """Where the tip of the trunk at rest is under its own weight, m."""
+    """Position (3,) in m of the tip of the trunk at rest under its own weight."""
     try:
         rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
         return vector(rest.position(np.array([trunk.length]))[0])
@@ -77,7 +77,7 @@ def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
         raise InputError(
             'origin = "passive-tip": the passive trunk does not hold its own weight '
             f"({error}) Expected a youngs_modulus in Pa, a density in kg/m^3 and a gravity in "
-            'm/s^2 that fit together; or measure from origin = "base".'
+            'm/s^2 that are consistent; or measure from origin = "base".'
         ) from None
 
 
@@ -143,8 +143,8 @@ def _place(
 def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, np.ndarray]:
     """Times (n,) in s from the phase's start and places (n, 3) in m of way points.
 
-    Rows without a time are at equal ones: one at each step if there are as many, else from the
-    phase's start to its end.
+    Rows without a time are at equal intervals: one at each step if their number is that of the
+    steps, else from the phase's start to its end.
     """
     table = np.asarray(rows, dtype=float)
     if table.shape[1] == 4:
@@ -158,12 +158,12 @@ def _point(
 ) -> Target:
     Z = _on_trunk(spec.Z, trunk, f"{where}.Z")
     directions: list[Direction | None] = []
-    for j, wanted in enumerate((spec.d1, spec.d2, spec.d3)):
-        if isinstance(wanted, HeldSpec):
-            check_earlier(wanted.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(HeldDirection(wanted.held_from_step - 1, Z, j))
+    for j, direction in enumerate((spec.d1, spec.d2, spec.d3)):
+        if isinstance(direction, HeldSpec):
+            check_earlier(direction.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
+            directions.append(HeldDirection(direction.held_from_step - 1, Z, j))
         else:
-            directions.append(None if wanted is None else vector(_unit(np.asarray(wanted))))
+            directions.append(None if direction is None else vector(_unit(np.asarray(direction))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
     return Target(
         Z,
@@ -217,7 +217,7 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 
 def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
-    """Z itself, without what rounding adds beyond the ends; InputError for other points."""
+    """Z clipped to the trunk if it is outside by round-off; InputError if by more."""
     Z = float(trunk.clipped(Z))
     if not 0 <= Z <= trunk.length:
         units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
