@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-# <world>
+# <maps>
 from check_numpy import CONTROLS, MAPS, POINTS, PRECISIONS, SIZE
 
-# </world>
+# </maps>
 ROUND_OFF = 1e-9  # parts below it, such as the moment at the tip, are compared absolutely
 PARTS = {
     "position": slice(0, 3),
