@@ -30,7 +30,7 @@ def saved(request, folder):
 
 @cache
 def files(request):
-    return write_mex(request) | check_files(request, True)
+    return write_mex(request) | check_files(request)
 
 
 @cache
