@@ -35,7 +35,7 @@ def files(request):
 
 @cache
 def request(what="jacobian", second=False):
-    return build_request(TRUNK, "mex", what, AT, second, False, None, 1.2)
+    return build_request(TRUNK, "mex", what, AT, second, None, 1.2)
 
 
 @pytest.fixture(scope="module")

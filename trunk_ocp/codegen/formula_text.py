@@ -67,7 +67,7 @@ _REMARK = {
 
 def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
     """Python source of `trunk_formulas.py`."""
-    tapered, given = trunk.taper_rate > 0, forms.anatomy_values(trunk, muscle)
+    tapered, anatomy = trunk.taper_rate > 0, forms.anatomy_values(trunk, muscle)
     coefficients = forms.coefficient_formulas(forms.kind(trunk, muscle))
     v, a, v_gamma, a_gamma = (formula.python for formula in forms.axis())
     axis = [v, "kappa = sqrt(v.dot(v))", a]
@@ -80,9 +80,9 @@ def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
         "anatomy": python_literal(trunk.name),
         "muscle": python_literal(muscle.name),
         "span": ", ".join(repr(float(Z)) for Z in (start, end, trunk.length)),
-        "values": "\n".join(f'    "{name}": {float(value)!r},' for name, value in given.items()),
-        "given": ", ".join(given),
-        "given_names": " ".join(given),
+        "values": "\n".join(f'    "{name}": {float(value)!r},' for name, value in anatomy.items()),
+        "given": ", ".join(anatomy),
+        "given_names": " ".join(anatomy),
         "coefficients": _assignments(coefficients),
         "coefficient_names": "\n".join(f'        "{f.name}": {f.name},' for f in coefficients),
         "axis": "\n".join(f"    {line}" for line in axis),
