@@ -62,7 +62,7 @@ def row(
 def of_c(
     trunk: to.Trunk, folder: Path, at: list[float], contact: float | None
 ) -> dict[str, tuple[int, float, float]]:
-    """Elements and microseconds of the example program, near the last shape and from anew."""
+    """Elements and microseconds of the example program, near the last shape and from scratch."""
     to.export(trunk, "c", folder, at=at, contact_from=contact)
     elements = int(re.search(r"#define TRUNK_ELEMENTS (\d+)", (folder / "trunk.h").read_text())[1])
     found = {}
@@ -74,7 +74,7 @@ def of_c(
             statistics.median(
                 float(re.search(rf"{which}: median ([\d.]+)", told)[1]) for told in runs
             )
-            for which in ("along a motion", "from anew")
+            for which in ("along a motion", "from scratch")
         ]
         found[name] = (elements, *medians)
     return found

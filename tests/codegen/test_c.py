@@ -217,10 +217,10 @@ int at_once(const double *x, trunk_work *work)
     set_strain(x, work->strain, &work->mean);
     set_loads(work, x, 1);
     set_unloaded(work);
-    work->steps_left = TRUNK_MOST_STEPS;
+    work->steps_left = TRUNK_MAX_STEPS;
     return newton(work);
 }
-int steps(const trunk_work *work) { return TRUNK_MOST_STEPS - work->steps_left; }
+int steps(const trunk_work *work) { return TRUNK_MAX_STEPS - work->steps_left; }
 """
 
 
@@ -449,7 +449,7 @@ def test_cmake_builds_the_library_and_runs_the_check(folder, tmp_path):
     run("cmake", "--build", tmp_path)
     assert "100% tests passed" in run("ctest", "--test-dir", tmp_path)
     assert "CMAKE_BUILD_TYPE:STRING=Release" not in (tmp_path / "CMakeCache.txt").read_text()
-    assert "microseconds a call" in run(tmp_path / "example")
+    assert "microseconds per call" in run(tmp_path / "example")
 
 
 # Other trunks and requests

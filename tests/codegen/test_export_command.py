@@ -1,4 +1,4 @@
-"""`trunk-ocp export`: every format proves itself, and bad use is told."""
+"""`trunk-ocp export`: every format passes its self-check, and bad use is reported."""
 
 import hashlib
 import json
@@ -43,7 +43,7 @@ def errors(told):
 
 
 @pytest.mark.parametrize("to", SHAPES)
-def test_every_format_agrees_with_its_check_file_in_its_own_world(tmp_path, to):
+def test_every_format_agrees_with_its_check_file_in_its_own_environment(tmp_path, to):
     needs(to)
     result = export("asian-elephant", "--at", "0.9,1.75", "--to", to, "--out", tmp_path, "--check")
     assert result.exit_code == 0, result.output
@@ -208,7 +208,7 @@ def test_a_file_of_the_users_own_is_not_overwritten(tmp_path):
     (tmp_path / "CMakeLists.txt").write_text("mine")
     result = export("asian-elephant", "--to", "c", "--out", tmp_path)
     assert result.exit_code == 2
-    assert "CMakeLists.txt: is there already, and not as an export wrote it" in result.stderr
+    assert "CMakeLists.txt: exists and is not as an export wrote it" in result.stderr
     assert (tmp_path / "CMakeLists.txt").read_text() == "mine"
     assert not (tmp_path / "trunk.c").exists()
 
@@ -267,6 +267,18 @@ def test_a_forged_manifest_deletes_nothing(tmp_path):
     assert (folder / "rows.csv").is_symlink()
 
 
+def test_an_export_of_version_0_1_is_replaced_where_it_is_unchanged(tmp_path):
+    old = {"programme.c": b"/* the NLP */", "trunk.onnx": b"\x08", "programme.h": b"edited since"}
+    for name, content in old.items():
+        (tmp_path / name).write_bytes(content)
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in old.items()}
+    hashes["programme.h"] = hashlib.sha256(b"as exported").hexdigest()
+    (tmp_path / "export.json").write_text(manifest(hashes))
+    result = export("asian-elephant", "--to", "casadi", "--what", "shape", "--out", tmp_path)
+    assert result.exit_code == 0, result.output
+    assert [name for name in old if (tmp_path / name).exists()] == ["programme.h"]
+
+
 def test_an_export_that_was_edited_is_not_overwritten(tmp_path):
     again = ["asian-elephant", "--to", "c", "--what", "shape", "--out", tmp_path]
     assert export(*again).exit_code == 0
@@ -288,7 +300,7 @@ def test_what_is_no_plain_file_is_in_the_way(tmp_path, kind):
         outside.write_text("mine")
     result = export("asian-elephant", "--to", "c", "--what", "shape", "--out", folder)
     assert result.exit_code == 2, result.output
-    assert "trunk.c: is there already" in result.stderr
+    assert "trunk.c: exists" in result.stderr
     assert [path.name for path in folder.iterdir()] == ["trunk.c"]
     assert not outside.exists() or outside.read_text() == "mine"
 

@@ -30,12 +30,12 @@ def saved(request, folder):
 
 @cache
 def files(request):
-    return write_mex(request) | check_files(request, True)
+    return write_mex(request) | check_files(request)
 
 
 @cache
 def request(what="jacobian", second=False):
-    return build_request(TRUNK, "mex", what, AT, second, False, None, 1.2)
+    return build_request(TRUNK, "mex", what, AT, second, None, 1.2)
 
 
 @pytest.fixture(scope="module")

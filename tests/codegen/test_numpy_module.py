@@ -88,7 +88,7 @@ def test_leading_axes_are_only_leading_axes(module, x):
 
 def test_more_shapes_than_are_solved_at_once_come_back_in_order(module, x):
     many = np.tile(x, (40, 1))
-    assert len(many) > module.AT_ONCE
+    assert len(many) > module.BATCH
     np.testing.assert_allclose(
         module.loaded(many), np.tile(module.loaded(x), (40, 1, 1)), rtol=0, atol=1e-10
     )
@@ -115,7 +115,7 @@ def test_a_load_that_newton_does_not_reach_in_one_go_is_raised_in_steps(module, 
 
 
 def test_a_load_beyond_equilibrium_is_named_with_the_share_reached(module, x, monkeypatch):
-    monkeypatch.setattr(module, "MOST_STEPS", 1)  # enough where there is no load, and only there
+    monkeypatch.setattr(module, "MAX_STEPS", 1)  # enough where there is no load, and only there
     some = np.stack([np.where(np.arange(40) < 30, x[0], 0), x[1]])
     with pytest.raises(module.NoShape, match=r"shape \(1,\): no equilibrium beyond 0 of the load"):
         module.loaded(some)
@@ -148,7 +148,7 @@ def test_a_plain_rod_without_taper_muscles_or_contact_is_exported_alike(build, t
     [
         (lambda m: m.loaded(np.zeros(39)), r"x: expected shape \(..., 40\), got \(39,\)"),
         (lambda m: m.loaded(np.full(40, np.nan)), "finite"),
-        (lambda m: m.loaded(np.repeat([-20.0, 0], [28, 12])), "contracts a segment to nothing"),
+        (lambda m: m.loaded(np.repeat([-20.0, 0], [28, 12])), "shortens a segment to zero length"),
         (lambda m: m.unloaded(np.zeros(29)), r"controls: expected shape \(..., 30\)"),
         (lambda m: m.pack(np.zeros(27)), "activation: expected 28 numbers"),
         (lambda m: m.pack(np.zeros(28), wind=1.0), "wind: expected one of activation, head"),

@@ -7,7 +7,7 @@ import pytest
 from trunk_ocp.codegen import casadi_function
 from trunk_ocp.codegen import rod_space_axes as kernels
 from trunk_ocp.codegen.check_cases import cases, disagreements, resolved
-from trunk_ocp.codegen.shape_model import MOST_POINTS, build_model, reference
+from trunk_ocp.codegen.shape_model import MAX_POINTS, build_model, reference
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
@@ -207,7 +207,7 @@ def test_a_point_off_the_trunk_is_refused(trunk):
 
 def test_too_many_points_are_refused(trunk):
     with pytest.raises(InputError, match=r"65 points make 1235 outputs; expected at most 64"):
-        build_model(trunk, np.linspace(0, 1, MOST_POINTS + 1))
+        build_model(trunk, np.linspace(0, 1, MAX_POINTS + 1))
 
 
 def test_a_rod_without_muscles_is_a_model_too(build):

@@ -103,7 +103,7 @@ def test_c_compiles_without_a_warning_whatever_the_name(written, tmp_path):
     for number, name in enumerate(HOSTILE.values()):
         folder = tmp_path / str(number)
         folder.mkdir()
-        for file, text in written("c", name[: escaping.LONGEST]).items():
+        for file, text in written("c", name[: escaping.MAX_NAME]).items():
             (folder / file).write_text(text, encoding="utf-8")
         sources.append(str(folder / "trunk.c"))
     ended = subprocess.run(
@@ -286,4 +286,4 @@ def test_a_title_is_no_formula_to_a_figure(tmp_path, key):
 
 def test_names_are_limited_in_the_file_format():
     fields = AnatomySpec.model_json_schema()
-    assert fields["properties"]["name"]["maxLength"] == escaping.LONGEST
+    assert fields["properties"]["name"]["maxLength"] == escaping.MAX_NAME

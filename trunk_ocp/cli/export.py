@@ -11,7 +11,7 @@ from rich.console import Console
 
 from ..codegen.formats import FORMATS, check_export, export
 from ..codegen.request import CheckError
-from ..codegen.shape_model import FEWEST
+from ..codegen.shape_model import MIN_ELEMENTS
 from ..codegen.subject import load_subject
 from .common import clean_errors
 from .option_types import Number
@@ -54,7 +54,11 @@ def _points(
     "--contact-from", type=Number("Z"), metavar="Z", help="Where contact loads start, in m."
 )
 @click.option(
-    "--elements", type=Number("elements"), default=FEWEST, metavar="N", help="At least N elements."
+    "--elements",
+    type=Number("elements"),
+    default=MIN_ELEMENTS,
+    metavar="N",
+    help="At least N elements.",
 )
 @click.option("--muscle", metavar="NAME", help="The muscle that formulas are for.")
 @click.option("--check", is_flag=True, help="Run the export in its own environment on test cases.")

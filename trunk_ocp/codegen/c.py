@@ -1,7 +1,7 @@
-"""The shape and its derivatives as C99: one source file and one header, without dependencies.
+"""The shape and its derivatives in C99: one source file and one header, without dependencies.
 
-The numbers and the kernels are generated, the kernels by CasADi; all else is C that stands in
-`templates/c`: Newton's method on condensed elements, and the derivatives of its solution.
+Numbers and kernels are generated, the kernels by CasADi. The rest is fixed C in `templates/c`:
+Newton's method on condensed elements, and the derivatives of its solution.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"
 def write_c(request: Request) -> dict[str, str | bytes]:
     """Files of the export: trunk.c, trunk.h, CMakeLists.txt, example.c and check.c.
 
-    With `what` "shape" there are no derivatives of the loaded shape.
+    If `what` is "shape", there are no derivatives of the loaded shape.
     """
     title = _comment(header(request))
     interface = _template("trunk.h").replace("/* @title@ */", title)
@@ -46,14 +46,14 @@ def write_c(request: Request) -> dict[str, str | bytes]:
 
 
 def check_c(folder: Path) -> str:
-    """Compile and run the check program of an export; returns what it printed.
+    """Compile and run the self-check of an export; returns its output.
 
     Raises
     ------
     ToolMissingError
         If there is no C compiler.
     CheckError
-        If the program does not compile, or its numbers are not those of the check files.
+        If the program does not compile, or does not reproduce the check files.
     """
     compiler = tool("cc", "a C compiler", "apt-get install gcc")
     with in_a_copy(folder) as copy:
@@ -71,7 +71,7 @@ def _comment(text: str) -> str:
 
 
 def _sizes(request: Request) -> Iterable[str]:
-    """Sizes and offsets as the header has them."""
+    """Sizes and offsets for the header."""
     model = request.model
     layout, tables = model.layout, model.tables
     loads = 10 if layout.contact else 4
@@ -110,7 +110,7 @@ def _source(request: Request) -> str:
 
 
 def _tables(model: Model) -> Iterable[str]:
-    """Constants of the program. Those of Gauss points stand component by component."""
+    """Constants of the program; those of Gauss points are stored component by component."""
     tables, layout = model.tables, model.layout
     yield _array("const double trunk_Z", ["TRUNK_POINTS"], model.Z)
     names = [c_literal(name) for name in _input_names(model)]
@@ -141,7 +141,7 @@ def _tables(model: Model) -> Iterable[str]:
     yield _table("edge_share", [points], tables.edge_force[tables.edge, 1])
     yield _table("fraction", ["SEGMENTS"], tables.fractions)
     segment, strain = _muscles(tables.strain)
-    size = "TRUNK_MUSCLES + 1"  # C has no arrays of length zero; the last entry is not read
+    size = "TRUNK_MUSCLES + 1"  # C has no arrays of length zero; the last entry is unused
     yield _table("muscle_segment", [size], segment, "int")
     yield _table("muscle_strain", [size, "4"], strain)
     floor = 1e-3 * float(stiffness(model.trunk, 0.0)[1]) / model.trunk.length
@@ -160,8 +160,8 @@ def _muscles(strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Segment (muscles + 1,) of each muscle and its strains (muscles + 1, 4) there."""
     count = strain.shape[2]
     segment = np.abs(strain).sum(axis=1).argmax(axis=0) if count else np.zeros(0, dtype=int)
-    own = strain[segment, :, np.arange(count)]
-    return np.append(segment, 0), np.vstack([own, np.zeros(4)])
+    strains = strain[segment, :, np.arange(count)]
+    return np.append(segment, 0), np.vstack([strains, np.zeros(4)])
 
 
 def _table(name: str, sizes: Sequence[str], values: np.ndarray, kind: str = "double") -> str:
@@ -183,7 +183,7 @@ def _braces(value: object) -> str:
 
 
 def _shape_kernels(model: Model) -> list[str]:
-    """What `elements.c`, `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c` call."""
+    """Kernels of `elements.c`, `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c`."""
     frame, force = _part(rates(), slice(0, 4)), _part(rates(), slice(4, 10))
     head = base(model.trunk.head)
     return [
@@ -202,7 +202,7 @@ def _shape_kernels(model: Model) -> list[str]:
 
 
 def _second_kernels(model: Model) -> list[str]:
-    """What `second.c` calls besides."""
+    """Further kernels of `second.c`."""
     return [
         _kernel(second_along(rates()), "rates_second", lanes=True),
         _kernel(second_along(report()), "report_second"),
@@ -217,7 +217,7 @@ def _part(kernel: ca.Function, rows: slice) -> ca.Function:
 
 
 def _slopes(kernel: ca.Function, columns: Iterable[int]) -> ca.Function:
-    """A kernel with its derivatives by some of w."""
+    """A kernel with its derivatives with respect to some of w."""
     w, p = ca.SX.sym("w", kernel.size1_in(0)), ca.SX.sym("p", kernel.size1_in(1))
     value, slopes = with_slopes(kernel)(w, p)
     return ca.Function(kernel.name(), [w, p], [value, slopes[:, list(columns)]])
@@ -247,15 +247,15 @@ _BODY = re.compile(r"static int casadi_f0\([^)]*\) \{\n(.*?)  return 0;\n\}", re
 
 
 def _kernel(function: ca.Function, name: str, lanes: bool = False) -> str:
-    """C function name(inputs ..., outputs ...) by CasADi; arrays stand column by column.
+    """C function name(inputs ..., outputs ...) from CasADi's generator; arrays are column-major.
 
-    With `lanes` it works on all Gauss points of an element, component by component, so that a
-    compiler can do several at a time.
+    With `lanes` it evaluates all Gauss points of an element, component by component, so that a
+    compiler can vectorize over them.
 
     Raises
     ------
     TrunkError
-        If CasADi writes what is not understood.
+        If CasADi's output has an unknown form.
     """
     generator = ca.CodeGenerator("kernel.c", {"casadi_int": "int"})
     generator.add(function)
@@ -268,7 +268,7 @@ def _kernel(function: ca.Function, name: str, lanes: bool = False) -> str:
     body = _OUTPUT.sub(lambda m: outputs[int(m[1])] + place.format(m[2]) + " = ", body)
     body = body.replace("casadi_real ", "double ").replace("casadi_sq(", "square(")
     if "casadi_" in body:
-        raise TrunkError(f"{name}: C code that this version of CasADi writes is not understood.")
+        raise TrunkError(f"{name}: this version of CasADi writes C code of an unknown form.")
     body = "".join(f"    {line.strip()}\n" for line in body.splitlines())
     unused = [f"    (void){x};\n" for x in inputs if f"{x}[" not in body]
     if lanes:

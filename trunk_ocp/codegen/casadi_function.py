@@ -1,4 +1,4 @@
-"""The map as CasADi functions: what other formats are measured against, and a format itself.
+"""The map as CasADi functions: an export format, and the reference for the others.
 
 The collocation equations become the residual of one sparse `rootfinder`; CasADi differentiates
 through it by the implicit function theorem, as often as asked.
@@ -26,10 +26,10 @@ POINT = sum(OUTPUTS.values())  # numbers of one point
 
 @lru_cache(maxsize=4)
 def loaded(model: Model) -> ca.Function:
-    """Function x (size) -> y (19 n), equilibrium shape; see `Layout` for both.
+    """Function x (size) -> y (19 n), the equilibrium shape; see `Layout` for both.
 
-    Newton's method starts from the unloaded shape. Where it does not converge, or where the mesh
-    does not resolve the shape as `solve_statics` asks, evaluation raises.
+    Newton's method starts from the unloaded shape. Evaluation raises if it does not converge, or
+    if the mesh does not resolve the shape by the criterion of `solve_statics`.
     """
     tables, layout = model.tables, model.layout
     E, d = tables.reach.shape
@@ -53,9 +53,9 @@ def loaded(model: Model) -> ca.Function:
     gaps = ca.vec(end[:, :-1] - left[:, 1:])
     equations = ca.vertcat(ca.vec(residual), gaps, end[4:, -1])  # the last: M(L) = 0
     unknown = ca.vertcat(ca.vec(inner), ca.vec(corners), ca.vec(starts))
-    given = ca.vertcat(known, ca.vec(numbers))
+    parameters = ca.vertcat(known, ca.vec(numbers))
     options: Any = {"abstol": 1e-12, "abstolStep": 1e-12, "max_iter": 50, "linear_solver": "qr"}
-    problem: dict[str, Any] = {"x": unknown, "p": given, "g": equations}
+    problem: dict[str, Any] = {"x": unknown, "p": parameters, "g": equations}
     root = ca.rootfinder("equilibrium", "newton", problem, options)
 
     guess = _unloaded_guess(model, strain, pose[:4])
@@ -78,9 +78,9 @@ def unloaded(model: Model) -> ca.Function:
     x = ca.MX.sym("controls", layout.controls)
     strain, E = _strains(model, x), len(tables.widths)
     pose = base(model.trunk.head)(x[layout.inputs["head"]], ca.MX(0, 1))
-    own = _of_segments(strain, tables.segment)
-    turns = turn().map(E)(own, ca.DM(tables.piece[:, :1].T))
-    rho = spiral().map(E)(own, ca.DM(tables.piece.T))
+    strains = _of_segments(strain, tables.segment)
+    turns = turn().map(E)(strains, ca.DM(tables.piece[:, :1].T))
+    rho = spiral().map(E)(strains, ca.DM(tables.piece.T))
     q, r = [pose[:4]], [pose[4:]]
     for e in range(E):
         r.append(r[-1] + _rotated()(q[-1], rho[:, e]))
@@ -120,7 +120,7 @@ def second(function: ca.Function) -> ca.Function:
 
 
 def _strains(model: Model, x: ca.MX) -> ca.MX:
-    """Strain numbers (4, S)."""
+    """Strains (4, S) of the segments."""
     A = model.tables.strain
     S, _, muscles = A.shape
     flat = ca.mtimes(ca.DM(A.reshape(4 * S, muscles)), x[model.layout.inputs["activation"]])
@@ -141,7 +141,7 @@ def _of_segments(strain: ca.MX, segment: np.ndarray) -> ca.MX:
 
 
 def _element_numbers(model: Model) -> np.ndarray:
-    """Width, and f, K (5) and mass, share, density (3) of its Gauss points, (1 + 8 d, E)."""
+    """Width; f, K (5) and mass, share, density (3) at the Gauss points; (1 + 8 d, E)."""
     tables = model.tables
     places = np.concatenate([tables.section, tables.force], axis=-1)
     return np.vstack([tables.widths, places.reshape(len(tables.widths), -1).T])
@@ -189,10 +189,10 @@ def _unloaded_guess(model: Model, strain: ca.MX, q0: ca.MX) -> ca.MX:
     """Unknowns of `loaded` at the unloaded shape."""
     tables = model.tables
     E, d = tables.reach.shape
-    own = _of_segments(strain, tables.segment)
-    ends = turn().map(E)(own, ca.DM(tables.piece[:, :1].T))
-    each = ca.horzcat(*(ca.repmat(own[:, e], 1, d) for e in range(E)))
-    inside = turn().map(E * d)(each, ca.DM(tables.reach.reshape(1, -1)))
+    strains = _of_segments(strain, tables.segment)
+    ends = turn().map(E)(strains, ca.DM(tables.piece[:, :1].T))
+    repeated = ca.horzcat(*(ca.repmat(strains[:, e], 1, d) for e in range(E)))
+    inside = turn().map(E * d)(repeated, ca.DM(tables.reach.reshape(1, -1)))
     q = [q0]
     for e in range(E):
         q.append(_product()(q[-1], ends[:, e]))
@@ -209,9 +209,9 @@ def _reported(
     place = ca.SX.sym("place", 3)
     N = ca.Function("force", [load, place], [_force(load, place)[0]])
     for edge, element in zip(tables.edge.tolist(), tables.ends.tolist(), strict=True):
-        own = strain[:, int(tables.segment[element])]
+        local = strain[:, int(tables.segment[element])]
         force = N(loads, ca.DM(tables.edge_force[edge]))
-        w = ca.vertcat(states[:, edge], own, mean, force)
+        w = ca.vertcat(states[:, edge], local, mean, force)
         columns += [line[:, edge], report()(w, ca.DM(tables.edge_section[edge]))]
     return ca.vertcat(*columns)
 

@@ -1,4 +1,4 @@
-"""Closed forms of one muscle as SymPy expressions: its strain coefficients, and what they move.
+"""Closed forms of one muscle in SymPy: strain coefficients, unloaded shape, its derivatives.
 
 Each `Formula` has a name, an expression in the names before it, and its source.
 """
@@ -13,7 +13,7 @@ from ..model.anatomy import Muscle, Trunk
 from .notation import SYMBOL, Formula, names, total
 
 DIGITS = 50
-"""Of all evaluations: differences of nearly equal terms, as taper or helix vanish, cost some."""
+"""Digits of all evaluations; some are lost to cancellation where taper or helix vanish."""
 
 
 def kind(trunk: Trunk, muscle: Muscle) -> str:
@@ -42,7 +42,7 @@ def fiber(kind: str) -> list[Formula]:
 
 
 def radial_factors(kind: str) -> list[Formula]:
-    """Factors delta_0, delta_1, delta_3 of eq. (A.4) at Z = 0, and what they are made of.
+    """Factors delta_0, delta_1, delta_3 of eq. (A.4) at Z = 0, after the formulas that they use.
 
     They are the integrals of ((1 + nu) D_Z^2 - nu) R, ((1 + nu) D_Z^2 - nu) R^2 and
     D_Theta D_Z R^2 from R_1 to R_2. All are real.
@@ -68,8 +68,8 @@ def _factors(even: sp.Expr, first: sp.Expr, twist: sp.Expr) -> list[Formula]:
 
 
 def _deltas(delta_0: sp.Expr, delta_1: sp.Expr, delta_3: sp.Expr) -> list[Formula]:
-    each = zip(("delta_0", "delta_1", "delta_3"), (delta_0, delta_1, delta_3), strict=True)
-    return [Formula(name, value, "eq. (A.4)") for name, value in each]
+    values = {"delta_0": delta_0, "delta_1": delta_1, "delta_3": delta_3}
+    return [Formula(name, value, "eq. (A.4)") for name, value in values.items()]
 
 
 def _radial() -> list[Formula]:
@@ -110,7 +110,7 @@ def _helix() -> list[Formula]:
 
 
 def _two_rates() -> list[Formula]:
-    """What the factors of a helix with taper are made of."""
+    """Parts of the factors of a helix with taper."""
     R_1, R_2, k, h = names("R_1 R_2 k h")
     with sp.evaluate(False):
         parts = {
@@ -125,7 +125,7 @@ def _two_rates() -> list[Formula]:
 
 
 def _of_two_rates() -> tuple[sp.Expr, sp.Expr]:
-    """Integrals of (1 + nu) R^n / ((1 + h^2 R^2) (1 + k^2 R^2)), n = 1 and 2, |h| unlike k."""
+    """Integrals of (1 + nu) R^n / ((1 + h^2 R^2) (1 + k^2 R^2)), n = 1 and 2, |h| != k."""
     nu, k, h, B_1, B_2, C_1, C_2, T_h, T_k = names("nu k h B_1 B_2 C_1 C_2 T_h T_k")
     with sp.evaluate(False):
         even = (1 + nu) / (2 * (k**2 - h**2)) * sp.log(B_2**2 * C_1 / (B_1**2 * C_2))
@@ -154,7 +154,7 @@ def _gentle_helix() -> list[Formula]:
 
 
 def _alone(factor: sp.Expr) -> sp.Expr:
-    """A fraction that SymPy prints in front of what it multiplies, not beneath."""
+    """A fraction that SymPy prints in front of a product, not as its denominator."""
     return sp.Mul(sp.Integer(1), factor, evaluate=False)
 
 
@@ -170,7 +170,7 @@ def _even_helix() -> list[Formula]:
 
 
 def strain_coefficients() -> list[Formula]:
-    """Derivatives by gamma of zeta_hat and of c, the curvature c / f(Z) at the scale of Z = 0."""
+    """Derivatives with respect to gamma of zeta_hat and of c, where c / f(Z) is the curvature."""
     first, second, R_0, nu, d_0, d_1, d_3 = names("Theta_1 Theta_2 R_0 nu delta_0 delta_1 delta_3")
     with sp.evaluate(False):
         bend = 4 * d_1 / (sp.pi * R_0**4)
@@ -204,7 +204,7 @@ def stretched(tapered: bool) -> list[Formula]:
 
 
 def axis() -> list[Formula]:
-    """Axis a and rate kappa = |v| of the turn, and their slopes; kappa_gamma = a . v_gamma."""
+    """Axis a and rate kappa = |v| of the rotation, and derivatives; kappa_gamma = a . v_gamma."""
     zeta, zeta_gamma, kappa, kappa_gamma = names("zeta zeta_gamma kappa kappa_gamma")
     c, c_gamma, v, v_gamma, a = names("c c_gamma v v_gamma a")
     with sp.evaluate(False):
@@ -217,7 +217,7 @@ def axis() -> list[Formula]:
 
 
 def spiral() -> list[Formula]:
-    """Directors, and the centerline from the start of the segment, of the unloaded shape."""
+    """Directors and centerline of the unloaded shape, from the start of the segment."""
     k, kappa, theta, ell, f, f_1, s, P, Q = names("k kappa theta ell f f_1 s P Q")
     zeta, a_i, a_3, a, e_i, e_3 = names("zeta a_i a_3 a e_i e_3")
     a_x_ei, a_x_e3 = names("a_x_ei a_x_e3")
@@ -225,7 +225,7 @@ def spiral() -> list[Formula]:
     with sp.evaluate(False):
         rest, size = f_1 - f * cos, k**2 + kappa**2
         return [
-            Formula("theta", kappa * ell, "angle of turn about a"),
+            Formula("theta", kappa * ell, "angle of rotation about a"),
             Formula("P", (k * rest + sp.Mul(kappa, f, sin)) / size, "int cos(theta) dZ"),
             Formula("Q", (kappa * rest - sp.Mul(k, f, sin)) / size, "int sin(theta) dZ"),
             Formula(
@@ -242,7 +242,7 @@ def spiral() -> list[Formula]:
 
 
 def spiral_slopes() -> list[Formula]:
-    """Derivatives of `spiral` by gamma, where the segment is curved.
+    """Derivatives of `spiral` with respect to gamma, for a curved segment.
 
     theta_gamma is the rotation in d_i_gamma = theta_gamma x d_i.
     """
@@ -261,8 +261,8 @@ def spiral_slopes() -> list[Formula]:
         move = total(zeta_gamma / zeta * rho, zeta * longer, zeta * tilted)
         return [
             Formula("theta_gamma", turn, "derivative of exp(l [v]x)"),
-            Formula("P_kappa", (kappa * p + k * q) / size, "derivative of P by kappa"),
-            Formula("Q_kappa", (kappa * q - k * p) / size, "derivative of Q by kappa"),
+            Formula("P_kappa", (kappa * p + k * q) / size, "derivative of P with respect to kappa"),
+            Formula("Q_kappa", (kappa * q - k * p) / size, "derivative of Q with respect to kappa"),
             Formula("rho_gamma", move, "derivative of rho"),
         ]
 
@@ -282,7 +282,7 @@ def straight_slopes(tapered: bool) -> list[Formula]:
 
 
 def coefficient_formulas(kind: str) -> list[Formula]:
-    """What leads from the numbers `given` to the strain coefficients, in order."""
+    """Formulas from the `anatomy_values` to the strain coefficients, in order."""
     alpha_2, R_2 = names("alpha_2 R_2")
     with sp.evaluate(False):
         helix = [Formula("h", sp.tan(alpha_2) / R_2, "eq. (21), c_alpha of eq. (A.4)")]
@@ -290,8 +290,8 @@ def coefficient_formulas(kind: str) -> list[Formula]:
     return [*(helix if wound else ()), *radial_factors(kind), *strain_coefficients()]
 
 
-def given(trunk: Trunk, muscle: Muscle) -> dict[str, float]:
-    """Numbers of the anatomy that the formulas start from: R in m at Z = 0, angles in rad."""
+def anatomy_values(trunk: Trunk, muscle: Muscle) -> dict[str, float]:
+    """Values of the anatomy in the formulas: R in m at Z = 0, angles in rad."""
     values = {
         "R_0": trunk.base_radius,
         "k": trunk.taper_rate,
@@ -305,8 +305,10 @@ def given(trunk: Trunk, muscle: Muscle) -> dict[str, float]:
 
 
 def coefficient_values(trunk: Trunk, muscle: Muscle) -> dict[str, sp.Expr]:
-    """Value of each of `coefficient_formulas`, to `DIGITS` digits less what cancels."""
-    values = {SYMBOL[name]: sp.Float(x, DIGITS) for name, x in given(trunk, muscle).items()}
+    """Value of each of `coefficient_formulas`, to `DIGITS` digits less cancellation."""
+    values = {
+        SYMBOL[name]: sp.Float(x, DIGITS) for name, x in anatomy_values(trunk, muscle).items()
+    }
     formulas = coefficient_formulas(kind(trunk, muscle))
     for formula in formulas:
         values[SYMBOL[formula.name]] = sp.N(formula.expression.doit().subs(values), DIGITS)
@@ -314,7 +316,7 @@ def coefficient_values(trunk: Trunk, muscle: Muscle) -> dict[str, sp.Expr]:
 
 
 def rest_slopes(trunk: Trunk, muscle: Muscle) -> dict[str, list[float]]:
-    """Derivatives by gamma at rest, in the directors: at the segment's end Z_2, and at the tip L.
+    """Derivatives with respect to gamma at rest, in the directors, at Z_2 and at the tip L.
 
     "turn" in rad, "end" and "tip" in m.
     """
@@ -334,5 +336,5 @@ def rest_slopes(trunk: Trunk, muscle: Muscle) -> dict[str, list[float]]:
     move = [m * c_2, -m * c_1, slopes["zeta_gamma"] * s]  # v_gamma x e_3 = (c_2, -c_1, 0)
     beyond = trunk.length - end
     tip = [move[0] + turn[1] * beyond, move[1] - turn[0] * beyond, move[2]]
-    each = {"turn": turn, "end": move, "tip": tip}
-    return {name: [float(x) for x in vector] for name, vector in each.items()}
+    vectors = {"turn": turn, "end": move, "tip": tip}
+    return {name: [float(x) for x in vector] for name, vector in vectors.items()}

@@ -17,7 +17,7 @@ from ..problem.motion import Motion
 from .check_cases import check_files, resolved
 from .manifest import Files, write_files
 from .request import Request
-from .shape_model import FEWEST, build_model
+from .shape_model import MIN_ELEMENTS, build_model
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def export(
     second: bool = False,
     muscle: str | None = None,
     contact_from: float | None = None,
-    elements: int = FEWEST,
+    elements: int = MIN_ELEMENTS,
 ) -> list[Path]:
     """Export the map from activations, head angles and loads to shape for another program.
 
@@ -167,7 +167,7 @@ def build_request(
     second: bool,
     muscle: str | None,
     contact_from: float | None,
-    elements: int = FEWEST,
+    elements: int = MIN_ELEMENTS,
 ) -> Request:
     """Request with the validated arguments of `export`."""
     if to not in FORMATS:

@@ -1,6 +1,6 @@
 """The formulas of one muscle as text: a SymPy module and a LaTeX page, from the same expressions.
 
-Only what needs SymPy is here; `formulas` is the way in.
+This module needs SymPy; `formulas` imports it on demand.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .escaping import in_latex, python_literal
 from .headers import template
 from .notation import SCALARS, Formula, tex
 
-LONG = 260
+MAX_ROW = 260
 """Characters of LaTeX in one row; a longer sum is broken."""
 
 _UNITS = {
@@ -67,7 +67,7 @@ _REMARK = {
 
 def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
     """Python source of `trunk_formulas.py`."""
-    tapered, given = trunk.taper_rate > 0, forms.given(trunk, muscle)
+    tapered, anatomy = trunk.taper_rate > 0, forms.anatomy_values(trunk, muscle)
     coefficients = forms.coefficient_formulas(forms.kind(trunk, muscle))
     v, a, v_gamma, a_gamma = (formula.python for formula in forms.axis())
     axis = [v, "kappa = sqrt(v.dot(v))", a]
@@ -80,9 +80,9 @@ def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
         "anatomy": python_literal(trunk.name),
         "muscle": python_literal(muscle.name),
         "span": ", ".join(repr(float(Z)) for Z in (start, end, trunk.length)),
-        "values": "\n".join(f'    "{name}": {float(value)!r},' for name, value in given.items()),
-        "given": ", ".join(given),
-        "given_names": " ".join(given),
+        "values": "\n".join(f'    "{name}": {float(value)!r},' for name, value in anatomy.items()),
+        "given": ", ".join(anatomy),
+        "given_names": " ".join(anatomy),
         "coefficients": _assignments(coefficients),
         "coefficient_names": "\n".join(f'        "{f.name}": {f.name},' for f in coefficients),
         "axis": "\n".join(f"    {line}" for line in axis),
@@ -95,7 +95,7 @@ def sympy_module(trunk: Trunk, muscle: Muscle) -> str:
 
 
 def _assignments(formulas: Iterable[Formula], indent: int = 4) -> str:
-    """Lines of a function, each source told once."""
+    """Lines of a function, with each source as a comment before its first formula."""
     lines, source = [], ""
     for formula in formulas:
         if formula.source != source:
@@ -106,7 +106,7 @@ def _assignments(formulas: Iterable[Formula], indent: int = 4) -> str:
 
 
 def _wrapped(assignment: str) -> list[str]:
-    """An assignment, in brackets over several lines where it is long."""
+    """An assignment, in parentheses over several lines if it is long."""
     if len(assignment) <= 92:
         return [assignment]
     name, expression = assignment.split(" = ", 1)
@@ -153,7 +153,7 @@ def _equation(formula: Formula, equals: str = "=") -> str:
 
 
 def _parts(formulas: dict[str, Formula]) -> str:
-    """What the radial factors are made of, if anything."""
+    """Formulas that the radial factors use, if any."""
     rows = ("h", "B_1", "B_2"), ("q", "A", "C_1", "C_2"), ("T_h", "T_k")
     present = [[formulas[name] for name in row if name in formulas] for row in rows]
     shown = _gather([row for row in present if row], ",")
@@ -165,10 +165,10 @@ def _parts(formulas: dict[str, Formula]) -> str:
 
 
 def _lines(formulas: Sequence[Formula], end: str = ".") -> str:
-    """Rows of an align environment, one formula each; a long sum goes on in the next row."""
+    """Rows of an align environment, one formula each; a long sum continues in the next row."""
     rows = []
     for formula in formulas:
-        if len(formula.tex) <= LONG:
+        if len(formula.tex) <= MAX_ROW:
             rows.append(_equation(formula, "&="))
             continue
         *first, last = (tex(term) for term in formula.expression.args)
@@ -178,8 +178,8 @@ def _lines(formulas: Sequence[Formula], end: str = ".") -> str:
 
 def _pairs(formulas: Sequence[Formula], end: str = ".") -> str:
     """Rows of an align environment, two formulas each."""
-    each = [_equation(formula, "&=") for formula in formulas]
-    rows = [", & ".join(each[i : i + 2]) for i in range(0, len(each), 2)]
+    cells = [_equation(formula, "&=") for formula in formulas]
+    rows = [", & ".join(cells[i : i + 2]) for i in range(0, len(cells), 2)]
     return ",\\\\\n".join(rows) + end
 
 
@@ -193,13 +193,15 @@ def _row(*equations: str) -> str:
 
 
 def _table(trunk: Trunk, muscle: Muscle) -> str:
-    """Numbers of the muscle, in two columns: what is given, and what follows."""
+    """Numbers of the muscle, in two columns: anatomy and coefficients."""
     start, end = trunk.edges[muscle.segment : muscle.segment + 2]
     values = forms.coefficient_values(trunk, muscle)
     left = [("Z_1", start, "m"), ("Z_2", end, "m")]
-    left += [(SCALARS[n], x, _UNITS.get(n, "")) for n, x in forms.given(trunk, muscle).items()]
-    follows = [n for n in values if n == "h" or n.startswith("delta") or n.endswith("_gamma")]
-    right = [(SCALARS[n], float(values[n]), _UNITS.get(n, "")) for n in follows]
+    left += [
+        (SCALARS[n], x, _UNITS.get(n, "")) for n, x in forms.anatomy_values(trunk, muscle).items()
+    ]
+    derived = [n for n in values if n == "h" or n.startswith("delta") or n.endswith("_gamma")]
+    right = [(SCALARS[n], float(values[n]), _UNITS.get(n, "")) for n in derived]
     empty = ("", math.nan, "")
     rows = max(len(left), len(right))
     left += [empty] * (rows - len(left))
@@ -216,7 +218,7 @@ def _cells(symbol: str, value: float, unit: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Six digits, and a power of ten where a reader wants one."""
+    """Six digits, with a power of ten if the number is very large or small."""
     text = f"{value:.6g}"
     if "e" in text:
         mantissa, exponent = text.split("e")
@@ -240,19 +242,19 @@ def _rest(trunk: Trunk, muscle: Muscle) -> str:
 
 
 def _words(trunk: Trunk, muscle: Muscle) -> dict[str, str]:
-    sort: str = muscle.architecture
-    if sort == "helical":
-        sort = "right-handed helical" if muscle.helix > 0 else "left-handed helical"
+    architecture: str = muscle.architecture
+    if architecture == "helical":
+        architecture = "right-handed helical" if muscle.helix > 0 else "left-handed helical"
     return {
         "muscle": muscle.name,
         "anatomy": trunk.name,
         "version": version("trunk_ocp"),
-        "sort": sort,
+        "architecture": architecture,
         "side": {"R": "right", "L": "left"}[muscle.side],
         "segment": str(muscle.segment + 1),
     }
 
 
 def _fill(text: str, words: dict[str, str]) -> str:
-    """Template with each <<word>> replaced, once: what replaces it is left alone."""
-    return re.sub(r"<<(\w+)>>", lambda found: words[found[1]], text)
+    """Template with each <<word>> replaced; in one pass, so that replacements are not expanded."""
+    return re.sub(r"<<(\w+)>>", lambda match: words[match[1]], text)

@@ -1,6 +1,6 @@
-"""One muscle in formulas: LaTeX to paste into a paper, and a SymPy module that proves itself.
+"""Formulas of one muscle: LaTeX to paste into a paper, and a SymPy module with a self-check.
 
-Both are printed from the same expressions, those of `closed_forms`. SymPy is optional.
+Both are printed from the expressions of `closed_forms`. SymPy is an optional dependency.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 SYMPY_MISSING = "Formulas need SymPy: pip install 'trunk_ocp[symbolic]'"
 LATEX_MISSING = (
-    "trunk_formulas.tex is not compiled, there is no LaTeX here: apt-get install texlive-latex-base"
+    "trunk_formulas.tex was not compiled, as LaTeX is not installed; get it with: apt-get install "
+    "texlive-latex-base"
 )
 LATEX = {
     "pdflatex": ("-interaction=nonstopmode", "-halt-on-error"),
@@ -40,7 +41,7 @@ LATEX = {
 
 
 def write_sympy(request: Request) -> dict[str, str | bytes]:
-    """SymPy module of the muscle `request.muscle`, with its check and the check's numbers.
+    """SymPy module of the muscle `request.muscle`, with its self-check and check file.
 
     Raises
     ------
@@ -64,7 +65,7 @@ def write_latex(request: Request) -> dict[str, str | bytes]:
 
 
 def check_sympy(folder: Path) -> str:
-    """Run the check of the SymPy module in `folder`, in a process of its own.
+    """Run the self-check of the SymPy module in `folder`; returns its output.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def check_sympy(folder: Path) -> str:
 
 
 def check_latex(folder: Path) -> str:
-    """Compile `trunk_formulas.tex` of `folder` elsewhere; no line may be too wide.
+    """Compile `trunk_formulas.tex` of `folder` in a scratch folder; no line may be too wide.
 
     Raises
     ------
@@ -124,15 +125,15 @@ def _all(trunk: Trunk) -> str:
     groups: dict[tuple[int, str], list[str]] = {}
     for muscle in trunk.subdomains:
         groups.setdefault((muscle.segment, muscle.side), []).append(muscle.group)
-    told: dict[tuple[int, tuple[str, ...]], list[str]] = {}
+    sides: dict[tuple[int, tuple[str, ...]], list[str]] = {}
     for (segment, side), names in groups.items():
-        told.setdefault((segment, tuple(names)), []).append(f"{side}{segment + 1}-")
-    parts = [f"{' and '.join(at)} {', '.join(names)}" for (_, names), at in sorted(told.items())]
+        sides.setdefault((segment, tuple(names)), []).append(f"{side}{segment + 1}-")
+    parts = [f"{' and '.join(at)} {', '.join(names)}" for (_, names), at in sorted(sides.items())]
     return "; ".join(parts) or "no muscles"
 
 
 def _check_rows(trunk: Trunk, muscle: Muscle) -> str:
-    """Numbers of the trunk in the order that check_formulas.py tells."""
+    """Check file, in the order that check_formulas.py documents."""
     column = trunk.subdomains.index(muscle)
     start, end = trunk.edges[muscle.segment : muscle.segment + 2]
     inside = start + (end - start) * np.array([0.2, 0.55, 0.85])
@@ -143,7 +144,7 @@ def _check_rows(trunk: Trunk, muscle: Muscle) -> str:
     activations[1] = 0.0
     activations[1, column] = -0.4  # alone
     change = np.abs(strains(trunk, activations)[..., 0] - 1).max()
-    activations *= min(1.0, 0.4 / max(change, 0.4))  # so that no segment turns inside out
+    activations *= min(1.0, 0.4 / max(change, 0.4))  # keeps every extension positive
     coefficients = [
         *radial_integrals(trunk, muscle),
         *strain_matrix(trunk)[muscle.segment, :, column],
@@ -171,7 +172,7 @@ def _slope(
 ) -> np.ndarray:
     """Derivative (n, 12) of `_pose` by one activation: central differences of order 8.
 
-    The step turns the segment by a few hundredths of a radian, so that the error is round-off.
+    The step rotates the segment by a few hundredths of a radian, so that the error is round-off.
     """
     segment = trunk.subdomains[column].segment
     extension, *c = strains(trunk, activation)[segment]
@@ -182,7 +183,7 @@ def _slope(
     step = 0.04 / max(float(rate), 0.5)
     steps = np.arange(1, 5)
     weights = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
-    each = np.zeros((8, len(trunk.subdomains)))
-    each[:, column] = step * np.concatenate([steps, -steps])
-    poses = _pose(trunk, activation + each, head, Z)
+    changes = np.zeros((8, len(trunk.subdomains)))
+    changes[:, column] = step * np.concatenate([steps, -steps])
+    poses = _pose(trunk, activation + changes, head, Z)
     return np.tensordot(weights, poses[:4] - poses[4:], axes=1) / step

@@ -1,4 +1,4 @@
-"""Texts that exports share: the header that tells what an export is, and templates."""
+"""Templates, and the header that describes an export and the order of its numbers."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from .shape_model import OUTPUTS
 TEMPLATES = Path(__file__).parent / "templates"
 
 _PARTS = {
-    "activation": "of the muscles in their order; negative values contract",
+    "activation": "of the muscles in order; negative values contract",
     "head": "psi_Z, psi_Y in radians",
     "gravity": "in m/s^2, along +Z, which points down",
     "tip_force": "V at the tip in N, fixed in space",
-    "contact_force": "W in N, spread evenly from where contact starts to the tip",
-    "contact_couple": "L in N m, spread likewise",
+    "contact_force": "W in N, distributed evenly over the contact region",
+    "contact_couple": "L in N m, distributed in the same way",
     "position": "r of the centerline in m",
     "directors": "d_1, d_2, d_3 in space axes; d_3 points along the trunk",
     "strain": "extension zeta; curvature u_1, u_2, u_3 in 1/m, in the directors",
-    "moment": "internal moment m in N m, in the directors; not of unloaded shapes",
+    "moment": "internal moment m in N m, in the directors; loaded shapes only",
 }
 
 
 def template(name: str) -> str:
-    """A fixed text of the folder `templates`."""
+    """Text of a file in the folder `templates`."""
     return (TEMPLATES / name).read_text(encoding="utf-8")
 
 
 def header(request: Request) -> str:
-    """What an export is and the order of its numbers, as plain lines of at most 96 characters."""
+    """Description of an export and the order of its numbers, in lines of at most 96 characters."""
     model, layout = request.model, request.model.layout
     contact = model.loads.contact_from
     name = in_comment(model.trunk.name)
@@ -67,5 +67,5 @@ def _wrapped(start: str, words: list[str]) -> list[str]:
 
 
 def commented(text: str, mark: str) -> str:
-    """Lines of text as comments that start with a mark."""
+    """Lines of text as comments that start with `mark`."""
     return "".join(f"{mark} {line}".rstrip() + "\n" for line in text.splitlines())

@@ -1,4 +1,4 @@
-"""The model for JAX and PyTorch: wrappers of the NumPy module with derivatives of their own."""
+"""Exports for JAX and PyTorch: wrappers of the NumPy module, with derivatives."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from .request import Request, ToolMissingError
 
 
 def write_jax(request: Request) -> dict[str, str | bytes]:
-    """Files of the export: wrapper, the NumPy module it wraps, and a program that checks it."""
-    return _written(request, "jax")
+    """Files of a JAX export: wrapper, the NumPy module that it wraps, and a self-check."""
+    return _files(request, "jax")
 
 
 def write_torch(request: Request) -> dict[str, str | bytes]:
-    """The same for PyTorch."""
-    return _written(request, "torch")
+    """Files of a PyTorch export; as `write_jax`."""
+    return _files(request, "torch")
 
 
 def check_jax(folder: Path) -> str:
-    """What the export's own check prints.
+    """Run the self-check of a JAX export; returns its output.
 
     Raises
     ------
     ToolMissingError
         If the package is not installed.
     CheckError
-        If the wrapper does not give the numbers of the check files.
+        If the wrapper does not reproduce the check files.
     """
-    return _checked(folder, "jax")
+    return _check(folder, "jax")
 
 
 def check_torch(folder: Path) -> str:
-    """The same for PyTorch."""
-    return _checked(folder, "torch")
+    """Run the self-check of a PyTorch export; as `check_jax`."""
+    return _check(folder, "torch")
 
 
-def _written(request: Request, package: str) -> dict[str, str | bytes]:
+def _files(request: Request, package: str) -> dict[str, str | bytes]:
     return {
         f"trunk_{package}.py": template(f"python/{package}_wrapper.py"),
         NAME: module_text(request),
@@ -46,7 +46,7 @@ def _written(request: Request, package: str) -> dict[str, str | bytes]:
     }
 
 
-def _checked(folder: Path, package: str) -> str:
+def _check(folder: Path, package: str) -> str:
     if importlib.util.find_spec(package) is None:
         raise ToolMissingError(
             f"Checking this export needs the package {package}: pip install 'trunk_ocp[{package}]'"

@@ -11,7 +11,7 @@ from .run_checks import build_mex, in_a_copy, run_octave
 
 
 def write_mex(request: Request) -> dict[str, str | bytes]:
-    """Files of the export: the C export's source, its gateway, help, an example and a check."""
+    """Files of the export: the C source, the gateway, help, an example and a self-check."""
     source = write_c(request)
     files: dict[str, str | bytes] = {name: source[name] for name in ("trunk.c", "trunk.h")}
     for name in ("trunk_shape.c", "trunk_shape.m", "trunk_example.m", "check.m"):
@@ -21,14 +21,14 @@ def write_mex(request: Request) -> dict[str, str | bytes]:
 
 
 def check_mex(folder: Path) -> str:
-    """Compile an export with Octave's compiler and run its check; returns what that printed.
+    """Compile an export with Octave's compiler and run its self-check; returns the output.
 
     Raises
     ------
     ToolMissingError
         If Octave or its compiler is not installed.
     CheckError
-        If it does not compile, or its numbers are not those of the check files.
+        If it does not compile, or does not reproduce the check files.
     """
     with in_a_copy(folder) as copy:
         build_mex(copy, "trunk_shape", ["trunk_shape.c", "trunk.c"])

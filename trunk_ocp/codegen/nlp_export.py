@@ -1,4 +1,4 @@
-"""The NLP of a motion for other solvers: objective, constraints, sparse derivatives.
+"""Export of a motion's NLP for other solvers: objective, constraints, sparse derivatives.
 
 Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled library as it is:
 
@@ -9,8 +9,8 @@ Six functions with CasADi's names, so that CasADi's `nlpsol` takes the compiled 
     nlp_jac_g   (x, p)                ->  g, sparse Jacobian of g
     nlp_hess_l  (x, p, lam_f, lam_g)  ->  upper triangle of the Hessian of lam_f f + lam_g . g
 
-The motion's parameters are inside; p is a change of them, zero if left out. Lengths are in units
-of L, moments in E I(0) / L, as in `nlp.window`; `nlp_export_layout` says what is what.
+The functions contain the motion's parameters; p is a change of them, zero by default. Lengths are
+in units of L, moments in E I(0) / L, as in `nlp.window`; `nlp_export_layout` names the indices.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from .request import Request
 from .run_checks import build_mex, in_a_copy, run, run_octave, tool
 
 CHECK = "nlp_check.csv"
-ROOM = 0.05
-"""How far the random point of the check file is from the start, in the NLP's units."""
+PERTURBATION = 0.05
+"""Standard deviation of the check file's random point from the start, in the NLP's units."""
 
 
 @dataclass(frozen=True, eq=False)
 class Exported:
-    """A motion's NLP as the planner makes it for a horizon, and the passive trunk in it."""
+    """A motion's NLP as the planner builds it for a horizon, with the passive trunk as start."""
 
     window: Window
     start: np.ndarray
@@ -61,17 +61,17 @@ class Exported:
         at, problem, first = [x, ca.DM(self.window.parameters) + p], nlp.as_casadi(), ["x", "p"]
         both = ca.Function("both", [problem["x"], problem["p"]], [problem["f"], problem["g"]])
         f, g = both.call(at, True, False)
-        made = [
+        functions = [
             ca.Function("nlp", [x, p], [f, g], first, ["f", "g"]),
             ca.Function("nlp_f", [x, p], [f], first, ["f"]),
             ca.Function("nlp_g", [x, p], [g], first, ["g"]),
         ]
-        for known in nlp.derivatives().values():
-            more = [lam_f, lam_g] if known.n_in() == 4 else []
-            outputs = known.call([*at, *more], True, False)
-            names = known.name_in(), known.name_out()
-            made.append(ca.Function(known.name(), [x, p, *more], outputs, *names))
-        return {function.name(): function for function in made}
+        for derivative in nlp.derivatives().values():
+            more = [lam_f, lam_g] if derivative.n_in() == 4 else []
+            outputs = derivative.call([*at, *more], True, False)
+            names = derivative.name_in(), derivative.name_out()
+            functions.append(ca.Function(derivative.name(), [x, p, *more], outputs, *names))
+        return {function.name(): function for function in functions}
 
     @cached_property
     def bounds(self) -> dict[str, np.ndarray]:
@@ -79,15 +79,15 @@ class Exported:
         return self.window.bounds
 
     def checks(self) -> str:
-        """The check file: what `SeparableNLP` itself gives at the start and at a random point.
+        """The check file: values of `SeparableNLP` itself at the start and at a random point.
 
-        A line for each: x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of
+        One line each: x, f, g, gradient, nonzeros of the Jacobian, lam_f, lam_g, nonzeros of
         the Hessian, column by column.
         """
         nlp, p = self.window.nlp, self.window.parameters
         derivatives, rng = nlp.derivatives(), np.random.default_rng(0)
         lines = []
-        for x in (self.start, self.start + ROOM * rng.normal(size=self.start.size)):
+        for x in (self.start, self.start + PERTURBATION * rng.normal(size=self.start.size)):
             lam = rng.normal(size=1 + nlp.size[1])
             f, gradient = derivatives["grad_f"](x, p)
             g, jacobian = derivatives["jac_g"](x, p)
@@ -97,7 +97,7 @@ class Exported:
         return "\n".join(lines) + "\n"
 
     def tables(self) -> dict[str, str]:
-        """Layout, bounds, start and parameters: the files that every format comes with."""
+        """Files of every format: layout, bounds, start, parameters and the check file."""
         lower, upper, low, high = (self.bounds[name] for name in ("lbx", "ubx", "lbg", "ubg"))
         return {
             "layout.json": json.dumps(layout(self.window, self.name), indent=1) + "\n",
@@ -123,12 +123,12 @@ def export_nlp(request: Request) -> Exported:
             "has constraints. Name one, such as pick-fruit."
         )
     options = Options()
-    whole = PlanningRun(
+    planning = PlanningRun(
         motion, first_mesh(motion, options), "horizon", len(motion.steps), options, Optimizer()
     )
-    window = whole.window(0, motion.steps, DecidedSteps())
-    passive = np.zeros((len(motion.steps), whole.controls))
-    return Exported(window, whole.packed(window, passive), request.name)
+    window = planning.window(0, motion.steps, DecidedSteps())
+    passive = np.zeros((len(motion.steps), planning.controls))
+    return Exported(window, planning.packed(window, passive), request.name)
 
 
 # --- formats -------------------------------------------------------------------------
@@ -137,42 +137,42 @@ def export_nlp(request: Request) -> Exported:
 def write_nlp_casadi(request: Request) -> dict[str, str | bytes]:
     """One CasADi file for each of nlp and its derivatives, and programs that load them."""
     exported = export_nlp(request)
-    made: dict[str, str | bytes] = {}
+    files: dict[str, str | bytes] = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in ("nlp", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l"):
             path = Path(folder) / f"{name}.casadi"
             exported.functions[name].save(str(path))
-            made[path.name] = path.read_bytes()
+            files[path.name] = path.read_bytes()
     for name in ("solve.py", "check.py"):
-        made[name] = _template(name, exported)
-    return made | exported.tables()
+        files[name] = _template(name, exported)
+    return files | exported.tables()
 
 
 def write_nlp_c(request: Request) -> dict[str, str | bytes]:
     """C99 by CasADi's code generator, bounds and start as arrays, example, check, CMake file."""
     exported = export_nlp(request)
-    made = _c_files(exported)
+    files = _c_files(exported)
     for name in ("example.c", "check.c", "CMakeLists.txt"):
-        made[name] = _template(name, exported)
-    return made | exported.tables()
+        files[name] = _template(name, exported)
+    return files | exported.tables()
 
 
 def write_nlp_mex(request: Request) -> dict[str, str | bytes]:
-    """A MEX gateway to the C export, its help, example and check.
+    """A MEX gateway to the C export, with help, example and self-check.
 
     CasADi's own gateway would need 3.4 MB of stack for pick-fruit, and a macro in Octave.
     """
     exported = export_nlp(request)
-    made = _c_files(exported)
+    files = _c_files(exported)
     for name in ("nlp_mex.c", "nlp.m", "nlp_example.m", "check.m"):
-        made[name] = _template(name, exported)
-    return made | exported.tables()
+        files[name] = _template(name, exported)
+    return files | exported.tables()
 
 
 def _c_files(exported: Exported) -> dict[str, str | bytes]:
     """nlp.c, nlp.h and nlp_data.c."""
     with tempfile.TemporaryDirectory() as folder:
-        # Canonical: a full matrix, too, says where its nonzeros are, so that readers need no case.
+        # Canonical: full matrices list their nonzeros too, so that readers need no special case.
         options = {"with_header": True, "force_canonical": True}
         generator = ca.CodeGenerator("nlp.c", options)
         for function in exported.functions.values():
@@ -196,10 +196,10 @@ def _c_files(exported: Exported) -> dict[str, str | bytes]:
 
 
 def _template(name: str, exported: Exported) -> str:
-    """A fixed file, with what differs from NLP to NLP filled in."""
+    """A template, with the values of an NLP filled in."""
     text = template(f"nlp/{name}")
     window = exported.window
-    known = {
+    values = {
         "NAME": in_comment(exported.name),
         "VERSION": version("trunk_ocp"),
         "STEPS": len(window.steps),
@@ -210,7 +210,7 @@ def _template(name: str, exported: Exported) -> str:
         "MOMENT": repr(float(window.moment)),
         "FORCE": repr(float(window.force)),
     }
-    return re.sub(r"@([A-Z]+)@", lambda found: str(known[found[1]]), text)
+    return re.sub(r"@([A-Z]+)@", lambda match: str(values[match[1]]), text)
 
 
 def _row(values: np.ndarray) -> str:
@@ -222,7 +222,7 @@ def _table(values: np.ndarray) -> str:
 
 
 def _c(values: np.ndarray) -> str:
-    """Numbers of a C array, some to a line."""
+    """Numbers of a C array, eight per line."""
     texts = [repr(value).replace("inf", "INFINITY") for value in values.tolist()]
     return ",\n".join(", ".join(texts[i : i + 8]) for i in range(0, len(texts), 8))
 
@@ -231,7 +231,7 @@ def _c(values: np.ndarray) -> str:
 
 
 def check_nlp_casadi(folder: Path) -> str:
-    """Run the check of a CasADi export; what it printed.
+    """Run the self-check of a CasADi export; returns its output.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def check_nlp_casadi(folder: Path) -> str:
 
 
 def check_nlp_c(folder: Path) -> str:
-    """Compile a C export with all warnings as errors, and run its check; what it printed.
+    """Compile a C export with all warnings as errors, and run its self-check; returns the output.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def check_nlp_c(folder: Path) -> str:
 
 
 def check_nlp_mex(folder: Path) -> str:
-    """Compile a MEX export and run its check in Octave; what it printed.
+    """Compile a MEX export and run its self-check in Octave; returns the output.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""What each unknown, constraint row and parameter of an exported NLP is.
+"""Layout of an exported NLP: the meaning of each unknown, constraint row and parameter.
 
-A layout is for strangers: ranges of consecutive indices with a name, a time step, points Z and
-components, each with the factor that brings it to SI units.
+A layout consists of ranges of consecutive indices, with a name, a time step, points Z and
+components, each with the factor that converts it to SI units.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..nlp.window import Window
 
 ABOUT = (
     "Minimize f(x) subject to lower <= x <= upper and lower <= g(x) <= upper. Ranges of x, g and p "
-    "start at the index `first`, from 0; the last of their axes are `components`. An unknown or a "
+    "start at index `first`, from 0; their last axis is that of the `components`. An unknown or a "
     "row times the `scale` of its component is in the component's `unit`. Steps count from 1; "
-    "step 0 is the known trunk before the motion. All bounds, and x to start from, are in "
-    "unknowns.csv (lower, upper, start) and rows.csv (lower, upper), a line for each. The "
-    "argument p of the functions is a change of the parameters, 0 if left out; their own values, "
-    "in SI units unless said otherwise, are in parameters.csv."
+    "step 0 is the known trunk before the motion. Bounds and the start of x are in unknowns.csv "
+    "(lower, upper, start) and rows.csv (lower, upper), one per line. The argument p of the "
+    "functions is a change of the parameters, 0 by default; the parameters themselves, in SI "
+    "units unless stated otherwise, are in parameters.csv."
 )
 
 
 @dataclass(frozen=True)
 class Range:
-    """Consecutive indices: `shape` are its axes before that of the components."""
+    """Consecutive indices; `shape` has the axes before that of the components."""
 
     name: str
     step: int
@@ -42,14 +42,14 @@ class Range:
     Z: str | float | None = None
 
     def entry(self) -> dict[str, Any]:
-        """For the file, without what does not apply."""
+        """Entry of the file, without keys that do not apply."""
         entry: dict[str, Any] = {"name": self.name, "step": self.step, "first": self.first}
         if self.shape:
             entry["shape"] = list(self.shape)
         if self.Z is not None:
             entry["Z"] = self.Z
-        kept = self.components if isinstance(self.components, str) else list(self.components)
-        return entry | {"components": kept}
+        named = self.components if isinstance(self.components, str) else list(self.components)
+        return entry | {"components": named}
 
 
 def layout(window: Window, name: str) -> dict[str, Any]:
@@ -136,7 +136,7 @@ PARAMETERS = {
     "rates": [
         "taper f",
         *(f"stiffness K{i} (N, N m^2)" for i in range(4)),
-        *(f"force on the section but the tip force, {axis}, N" for axis in AXES),
+        *(f"force on the section except the tip force, {axis}, N" for axis in AXES),
         *(f"couple density, {axis}, N" for axis in AXES),
     ],
     "scaled_vector": ["minus the pull, in units of force"],
@@ -150,9 +150,9 @@ PARAMETERS = {
 
 
 def _parameters(window: Window) -> Iterator[dict[str, Any]]:
-    """Where the parameters of each term are: places one after the other."""
+    """Ranges of the parameters of each term, place by place."""
     nlp, first = window.nlp, 0
-    step, Z = _whereabouts(window)
+    step, Z = _steps_and_points(window)
     for term, steps in zip(nlp.terms, _steps(nlp, window, step), strict=True):
         count = term.parameters.shape[0]
         if count == 0:
@@ -166,14 +166,14 @@ def _parameters(window: Window) -> Iterator[dict[str, Any]]:
             entry["Z"] = Z[term.variables[0]].tolist()
         if name == "rates":
             entry["Z"] = "Gauss points, step by step"
-        runs = ((int(known), len(list(run))) for known, run in groupby(steps.tolist()))
-        entry["steps"] = [{"step": known, "places": length} for known, length in runs]
+        runs = ((int(number), len(list(run))) for number, run in groupby(steps.tolist()))
+        entry["steps"] = [{"step": number, "places": length} for number, length in runs]
         yield entry | {"components": PARAMETERS[name]}
         first += term.parameters.size
 
 
 def _director(function: Any) -> int | None:
-    """Which director, from 1, a direction's term is about."""
+    """Director, from 1, of a term about directions; None for other terms."""
     for make in (squared_direction, squared_held_direction):
         for j in range(3):
             if function.__hash__() == make(j).__hash__():
@@ -181,8 +181,8 @@ def _director(function: Any) -> int | None:
     return None
 
 
-def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
-    """Time step of each unknown, from 1, and its Z; NaN where it has none."""
+def _steps_and_points(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Time step, from 1, and Z of each unknown; NaN where it has no Z."""
     count, kinds = window.nlp.size[0], quantities(window.motion.trunk)
     step, Z = np.zeros(count, int), np.full(count, np.nan)
     lists = {
@@ -199,12 +199,12 @@ def _whereabouts(window: Window) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _steps(nlp: SeparableNLP, window: Window, step: np.ndarray) -> Iterator[np.ndarray]:
-    """Time step of each place of each term: the last one that it, or its rows, belong to."""
+    """Time step of each place of each term: the last one of its unknowns and rows."""
     of_row = np.zeros(1 + nlp.size[1], int)  # row 0 is the objective
     for block in window.blocks:
         of_row[block.rows] = 1 + block.step
     for term in nlp.terms:
         scatter = term.scatter.tocoo()
-        own = step[term.variables].max(axis=0)
-        np.maximum.at(own, scatter.col // term.function.size1_out(0), of_row[scatter.row])
-        yield own
+        last = step[term.variables].max(axis=0)
+        np.maximum.at(last, scatter.col // term.function.size1_out(0), of_row[scatter.row])
+        yield last

@@ -1,8 +1,8 @@
-"""Names in the formulas of one muscle, and how a formula is printed: as LaTeX and as Python.
+"""Names in the formulas of one muscle, and printing of formulas as LaTeX and as Python.
 
-Vectors are symbols that do not commute, so that they print behind their factors; `a_x_e3` is the
-vector product of `a` and `e_3`. Terms print in the order in which they were written, because a
-reader has to recognize them: formulas are made without evaluation.
+Vectors are non-commutative symbols, so that they print after their factors; `a_x_e3` is the cross
+product of `a` and `e_3`. Formulas are built without evaluation, so that terms print in the order
+in which they were written and a reader recognizes them.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Formula:
     Attributes
     ----------
     source : str
-        Where it comes from: equations of the paper, or what it is.
+        Equations of the paper that it comes from, or what it is.
     """
 
     name: str
@@ -117,12 +117,12 @@ class Formula:
     def python(self) -> str:
         """One assignment of Python, with SymPy's names."""
         text = re.sub(r"\*\*1\b", "", sp.sstr(self.expression, order="none"))
-        plain = ast.unparse(ast.parse(f"{self.name} = {text}"))  # without needless brackets
+        plain = ast.unparse(ast.parse(f"{self.name} = {text}"))  # without redundant parentheses
         return plain.replace(" ** ", "**")
 
 
 def tex(expression: sp.Expr) -> str:
-    """LaTeX of an expression, printed by SymPy, without brackets round single symbols."""
+    """LaTeX of an expression, printed by SymPy, without parentheses around single symbols."""
     text = sp.latex(
         expression,
         order="none",

@@ -1,4 +1,4 @@
-"""The model as a Python module that needs NumPy alone: loaded and unloaded shape, derivatives."""
+"""Export to a Python module that needs only NumPy: loaded and unloaded shape, derivatives."""
 
 from __future__ import annotations
 
@@ -24,50 +24,48 @@ WIDTH = 96
 
 
 def write_numpy(request: Request) -> dict[str, str | bytes]:
-    """Files of the export: the module and a program that checks it.
+    """Files of the export: the module and its self-check.
 
-    The module has the Jacobian in any case, as Newton's method needs the same slopes.
+    The module always has the Jacobian, because Newton's method needs the same slopes.
     """
     return {NAME: module_text(request), CHECK: check_text("numpy")}
 
 
-def check_numpy(folder: Path) -> str:
-    """What the export's own check prints.
-
-    Raises
-    ------
-    CheckError
-        If the module does not give the numbers of the check files.
-    """
-    return run_check(folder)
-
-
 def module_text(request: Request) -> str:
-    """Source of trunk_numpy.py: how to call it, numbers, the fixed driver, kernels."""
+    """Source of trunk_numpy.py: usage, numbers, the fixed driver, kernels."""
     parts = ["driver", "unloaded", *(["second"] if request.second else [])]
-    texts = [_own(template(f"python/{name}.py")) for name in parts]
+    texts = [_body(template(f"python/{name}.py")) for name in parts]
     start = template("python/driver.py").split("# <cut>")[0].replace("<about>\n", header(request))
     kernels = [_kernel_text(kernel) for kernel in _kernels(request)]
     numbers = _numbers(request.model)
     return "\n\n".join([start.strip(), numbers, *texts, *kernels]) + "\n"
 
 
-def check_text(world: str) -> str:
-    """Source of check.py for one of the ways that templates/python/check_*.py know."""
+def check_text(format_name: str) -> str:
+    """Source of check.py for a format, with the maps of templates/python/check_FORMAT.py."""
     before, after = re.split(
-        r"# <world>.*?# </world>\n", template("python/check.py"), flags=re.DOTALL
+        r"# <maps>.*?# </maps>\n", template("python/check.py"), flags=re.DOTALL
     )
-    return f"{before}{_own(template(f'python/check_{world}.py'))}\n{after}"
+    return f"{before}{_body(template(f'python/check_{format_name}.py'))}\n{after}"
 
 
 def run_check(folder: Path) -> str:
-    """Run check.py in its folder with this Python; what it printed, or CheckError."""
+    """Run the self-check of a Python export; returns its output.
+
+    Raises
+    ------
+    CheckError
+        If the export does not reproduce its check files.
+    """
     with in_a_copy(folder) as copy:
         return run([sys.executable, CHECK], copy)
 
 
-def _own(text: str) -> str:
-    """A template without what is there for its readers alone: docstring, imports."""
+check_numpy = run_check
+
+
+def _body(text: str) -> str:
+    """A template without its docstring and the imports that only linters need."""
     return text.split("# </cut>\n")[1].strip()
 
 
@@ -83,7 +81,7 @@ def _kernels(request: Request) -> list[ca.Function]:
 
 
 def _kernel_text(kernel: ca.Function) -> str:
-    """Source of a kernel whose choices keep the type of its inputs, such as single precision."""
+    """Source of a kernel; its choices keep the type of the inputs, such as single precision."""
     lines: list[str] = []
     constants: set[str] = set()
     for line in python_source(kernel, kernel.name(), namespace=True).splitlines():
@@ -100,7 +98,7 @@ def _kernel_text(kernel: ca.Function) -> str:
 
 
 def _numbers(model: Model) -> str:
-    """Constants of the module; the names are those of `Tables`, in capitals."""
+    """Constants of the module, with the names of `Tables` in capitals."""
     tables, layout, loads = model.tables, model.layout, model.loads
     defaults = {"gravity": (loads.gravity,), "tip_force": loads.tip_force}
     if layout.contact:
@@ -114,7 +112,7 @@ def _numbers(model: Model) -> str:
         _array("Z", np.array(model.Z)),
     ]
     names = {field.name: field.name.upper() for field in fields(tables)} | {"b": "WEIGHTS"}
-    del names["reach"]  # for those who start from the unloaded shape in closed form
+    del names["reach"]  # only for a start from the unloaded shape in closed form
     lines += [_array(name, getattr(tables, field)) for field, name in names.items()]
     return "\n".join(lines)
 
@@ -131,7 +129,7 @@ def _array(name: str, values: np.ndarray) -> str:
 
 
 def _rows(items: list[str], start: str, end: str, indent: str = "    ") -> str:
-    """Items in brackets, as many a line as fit."""
+    """Items in brackets, as many on a line as fit."""
     one = f"{start}{', '.join(items)}{',' if len(items) == 1 else ''}{end}"
     if len(one) < WIDTH - 30:
         return one

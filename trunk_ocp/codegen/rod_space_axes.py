@@ -1,15 +1,15 @@
-"""The rod once more, with its moment in space axes: the kernels that exported programs are made of.
+"""The rod with its moment in space axes: kernels of the exported programs.
 
 In space axes the moment M is a quadrature of the orientation alone,
 
     M' = -zeta d_3 x N - l,
 
-so of a collocated element's unknowns only the orientations at its Gauss points are left to
-solve for: four for each in place of seven. N is the force on the section, l the couple density.
-The equations are those of `rod` (eqs. 7, 14, 15, 28, 30), which has the moment in the directors.
+so the unknowns of a collocated element are only the orientations at its Gauss points: four per
+point instead of seven. N is the force on the section, l the couple density. The equations are those
+of `rod.equations` (eqs. 7, 14, 15, 28, 30), which has the moment in the directors.
 
-Each kernel is a CasADi function (w, p) of scalar operations: w what it is differentiated by,
-p the numbers of a place.
+Each kernel is a CasADi function (w, p) of scalar operations, differentiated with respect to w; p
+has the numbers of a point of the trunk.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def rates() -> ca.Function:
 
 @cache
 def report() -> ca.Function:
-    """What is told of a section: (w, p) -> d_1, d_2, d_3 (9); zeta, u (4); m (3) in the directors.
+    """Outputs at a section: (w, p) -> d_1, d_2, d_3 (9); zeta, u (4); m (3) in the directors.
 
-    w (15) and p (5) as the first ones of `rates`. The directors are normalized.
+    w (15) and p (5) are the first ones of `rates`. The directors are normalized.
     """
     w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 5)
     d, zeta, u = _strains(w, p)
@@ -124,7 +124,10 @@ def spiral() -> ca.Function:
 
 
 def _angle(v: list[ca.SX], length: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Square of theta = |v| l, whether it is below 1, and theta, or 1 where it is."""
+    """Square of theta = |v| l, whether it is below 1, and theta, replaced by 1 where it is.
+
+    The replacement keeps the unused closed form, and its derivatives, free of 0 / 0.
+    """
     theta2 = dot(v, v) * length**2
     small = theta2 < 1
     return theta2, small, ca.sqrt(ca.if_else(small, 1, theta2))
@@ -157,7 +160,7 @@ def _kernel(name: str, w: ca.SX, p: ca.SX, outputs: list[ca.SX]) -> ca.Function:
 
 @cache
 def with_slopes(kernel: ca.Function) -> ca.Function:
-    """(w, p) -> the kernel's outputs (m) and their derivatives by w (m, n), dense."""
+    """(w, p) -> the kernel's outputs (m) and their derivatives with respect to w (m, n), dense."""
     w, p, value = _symbols(kernel)
     slopes = ca.densify(ca.jacobian(value, w))
     name = f"{kernel.name()}_slopes"

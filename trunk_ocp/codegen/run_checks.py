@@ -1,4 +1,4 @@
-"""Running an export in its own environment: compilers, Octave, programs."""
+"""Runs the checks of exports in their own environments: compilers, Octave, Python."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from pathlib import Path
 from .manifest import NAMES
 from .request import CheckError, ToolMissingError
 
-PATIENCE = 120.0
-"""Seconds after which a check is given up."""
+TIMEOUT = 120.0
+"""Seconds after which a check is stopped."""
 
 
 def tool(command: str, what: str, install: str) -> str:
@@ -23,7 +23,7 @@ def tool(command: str, what: str, install: str) -> str:
     Raises
     ------
     ToolMissingError
-        If it is not installed; `install` is the line that does it.
+        If it is not installed; `install` is the command that installs it.
     """
     path = shutil.which(command)
     if path is None:
@@ -32,15 +32,15 @@ def tool(command: str, what: str, install: str) -> str:
 
 
 def run(command: Sequence[str], folder: Path, **variables: str) -> str:
-    """Run a program in a folder, with more environment variables; what it printed.
+    """Run a program in a folder, with extra environment variables; returns its output.
 
     Raises
     ------
     CheckError
-        If it fails; the message is what it said.
+        If it fails; the message has its output.
     """
     try:
-        ended = subprocess.run(
+        process = subprocess.run(
             command,
             cwd=folder,
             env=os.environ | variables,
@@ -49,22 +49,23 @@ def run(command: Sequence[str], folder: Path, **variables: str) -> str:
             stderr=subprocess.STDOUT,
             text=True,
             errors="replace",
-            timeout=PATIENCE,
+            timeout=TIMEOUT,
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise CheckError(f"{command[0]} did not end within {PATIENCE:.0f} s.") from None
-    if ended.returncode != 0:
-        said = ended.stdout.strip() or f"nothing, and ended with code {ended.returncode}"
-        raise CheckError(f"{Path(command[0]).name} in {folder} said:\n{said}")
-    return ended.stdout
+        raise CheckError(f"{command[0]} did not finish within {TIMEOUT:.0f} s.") from None
+    if process.returncode != 0:
+        output = process.stdout.strip() or "(no output)"
+        code = f"exit code {process.returncode}"
+        raise CheckError(f"{Path(command[0]).name} in {folder} failed ({code}):\n{output}")
+    return process.stdout
 
 
 @contextlib.contextmanager
 def in_a_copy(folder: Path) -> Iterator[Path]:
-    """A copy of an export that is gone afterwards, so that nothing built stays in its folder.
+    """Temporary copy of an export, so that nothing that is built stays in its folder.
 
-    Without any other file of the folder: a numpy.py there would be imported instead of NumPy.
+    Only files of the export are copied: a numpy.py in the folder would be imported as NumPy.
     """
     with tempfile.TemporaryDirectory() as temporary:
         for path in (folder / name for name in NAMES):
@@ -77,7 +78,7 @@ OCTAVE = "apt-get install octave octave-dev"
 
 
 def build_mex(folder: Path, name: str, sources: Sequence[str]) -> str:
-    """Compile a MEX file with Octave's compiler; what that printed.
+    """Compile a MEX file with Octave's compiler; returns its output.
 
     Raises
     ------
@@ -89,12 +90,12 @@ def build_mex(folder: Path, name: str, sources: Sequence[str]) -> str:
 
 
 def run_octave(folder: Path, script: str) -> str:
-    """Run a script or function of a folder in Octave, without anybody's settings or history.
+    """Run a script or function of a folder in Octave, without user settings or history.
 
     Raises
     ------
     CheckError, ToolMissingError
-        If it ends with an error, or Octave is not installed.
+        If it fails, or Octave is not installed.
     """
     octave = tool("octave", "GNU Octave", OCTAVE)
     quiet = ["--no-gui", "--norc", "--quiet", "--no-history"]

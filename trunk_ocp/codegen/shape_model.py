@@ -1,8 +1,8 @@
-"""What is exported: one trunk, a contact region, some points Z - as numbers in a plain order.
+"""The exported model: one trunk, a contact region and some points Z, as tables of numbers.
 
 Every format evaluates the same map x -> y, the shape of the trunk at the points Z, and its
-derivatives. The order of x and y is in `Layout`; the numbers that the kernels of `rod_space_axes`
-need at each place are in `Tables`.
+derivatives. `Layout` has the order of x and y, `Tables` the numbers that the kernels of
+`rod_space_axes` need.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from ..rod.statics import solve_statics
 from .rod_space_axes import MOMENTS
 
 DEGREE = 6
-FEWEST, MOST = 6, 100
-"""Elements that may be asked for; jumps and points ask for their own."""
-MOST_POINTS = 64
+MIN_ELEMENTS, MAX_ELEMENTS = 6, 100
+"""Limits of the requested number of elements; jumps and points add elements of their own."""
+MAX_POINTS = 64
 """Points Z of one export; a Jacobian has 19 x 40 numbers for each."""
 
 OUTPUTS = {"position": 3, "directors": 9, "strain": 4, "moment": 3}
-"""Of each point Z: r in m; d_1, d_2, d_3 in space axes; zeta and u in 1/m; m in N m, in d_i."""
+"""At each point Z: r in m; d_1, d_2, d_3 in space axes; zeta and u in 1/m; m in N m, in d_i."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """Order of the numbers in x and y.
 
-    x holds the activations; psi_Z, psi_Y in rad; gravity in m/s^2; the tip force V in N; and, if
-    the trunk may touch something, contact force W in N and contact couple L in N m.
-    y holds, for each point Z in turn, what `OUTPUTS` names.
+    x has the activations; psi_Z, psi_Y in rad; gravity in m/s^2; the tip force V in N; and, with a
+    contact region, contact force W in N and contact couple L in N m.
+    y has, for each point Z in turn, the `OUTPUTS`.
     """
 
     muscles: tuple[str, ...]
@@ -67,7 +67,7 @@ class Layout:
 
     @property
     def controls(self) -> int:
-        """Length of the part of x that an unloaded shape depends on: activations and head."""
+        """Length of the part of x that unloaded shapes depend on: activations and head."""
         return len(self.muscles) + 2
 
     @cached_property
@@ -97,11 +97,11 @@ class Tables:
     strain : (S, 4, muscles)
         A of `strain_matrix`; `fractions` (S,) are the segments' shares of the length.
     segment : (E,) int
-        Of each element.
+        Segment of each element.
     edge : (n,) int
         Element edge of each point Z, from 0 to E.
     ends : (n,) int
-        Element from whose segment a point's strains are: the one that ends there.
+        Element whose segment gives the strains at a point: the one that ends there.
     widths : (E,)
         In m; `A` (d, d) and `b` (d,) are the weights of the Gauss method.
     section, edge_section : (E, d, 5), (E + 1, 5)
@@ -134,22 +134,22 @@ class Tables:
 
 @dataclass(frozen=True)
 class Model:
-    """A trunk with the points Z where its shape is asked for.
+    """A trunk with the points Z at which its shape is evaluated.
 
     Attributes
     ----------
     Z : (n,)
-        In m, rising.
+        In m, increasing.
     loads : Loads
-        Defaults for what x leaves open; its `contact_from` is where contact starts.
+        Default loads; `contact_from` is where the contact region starts.
     elements : int
-        Least number of collocation elements; every jump and every point Z is an edge.
+        Minimum number of collocation elements; every jump and every point Z is an edge.
     """
 
     trunk: Trunk
     Z: tuple[float, ...]
     loads: Loads
-    elements: int = FEWEST
+    elements: int = MIN_ELEMENTS
 
     @property
     def layout(self) -> Layout:
@@ -189,12 +189,12 @@ class Model:
         return np.concatenate([self.trunk.taper(Z)[..., None], stiffness(self.trunk, Z)], axis=-1)
 
     def _force(self, Z: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Mass, share and density at Z; whether Z is in contact is told by a point `inside`."""
-        one = replace(self.loads, contact_couple=(1.0, 0.0, 0.0)) if self.layout.contact else None
-        if one is None:
+        """Mass, share and density at Z; a point `inside` decides whether Z is in contact."""
+        unit = replace(self.loads, contact_couple=(1.0, 0.0, 0.0)) if self.layout.contact else None
+        if unit is None:
             return np.stack([mass_beyond(self.trunk, Z), 0 * Z, 0 * Z], axis=-1)
-        density = couple_density(one, self.trunk, np.ravel(inside))[:, 0].reshape(inside.shape)
-        share = contact_share(one, self.trunk, Z)
+        density = couple_density(unit, self.trunk, np.ravel(inside))[:, 0].reshape(inside.shape)
+        share = contact_share(unit, self.trunk, Z)
         return np.stack(
             [mass_beyond(self.trunk, Z), share, np.broadcast_to(density, Z.shape)], axis=-1
         )
@@ -220,14 +220,14 @@ class Model:
 
 
 def build_model(
-    trunk: Trunk, at: Sequence[float] = (), loads: Loads | None = None, elements: int = FEWEST
+    trunk: Trunk, at: Sequence[float] = (), loads: Loads | None = None, elements: int = MIN_ELEMENTS
 ) -> Model:
-    """Model of a trunk for points Z `at` in m; the tip if there are none.
+    """Model of a trunk for points Z `at` in m; by default the tip.
 
     Raises
     ------
     InputError
-        For points that are not on the trunk, or too many of them; for too few or many elements.
+        If a point is not on the trunk, or the number of points or elements is out of range.
     """
     Z = tuple(sorted({float(trunk.clipped(point)) for point in at})) or (trunk.length,)
     for point in Z:
@@ -236,20 +236,20 @@ def build_model(
                 f"--at {point:.12g}: expected points Z in m on the trunk, from 0 (base) to "
                 f"{trunk.length:.12g} (tip)."
             )
-    if len(Z) > MOST_POINTS:
+    if len(Z) > MAX_POINTS:
         raise InputError(
-            f"--at: {len(Z)} points make {19 * len(Z)} outputs; expected at most {MOST_POINTS} "
-            f"points ({19 * MOST_POINTS} outputs). Export twice, or interpolate between them."
+            f"--at: {len(Z)} points make {19 * len(Z)} outputs; expected at most {MAX_POINTS} "
+            f"points ({19 * MAX_POINTS} outputs). Export twice, or interpolate between them."
         )
-    if not FEWEST <= elements <= MOST:
-        raise InputError(f"--elements {elements}: expected {FEWEST} to {MOST}.")
+    if not MIN_ELEMENTS <= elements <= MAX_ELEMENTS:
+        raise InputError(f"--elements {elements}: expected {MIN_ELEMENTS} to {MAX_ELEMENTS}.")
     return Model(trunk, Z, Loads() if loads is None else loads, elements)
 
 
 def reference(model: Model, x: np.ndarray) -> np.ndarray:
-    """Shapes y (B, n, 19) at inputs x (B, size) by `solve_statics` on a fine mesh of its own.
+    """Shapes y (B, n, 19) at inputs x (B, size) by `solve_statics` on a finer mesh.
 
-    Another formulation, with the moment in the directors, so that agreement says something.
+    An independent formulation, with the moment in the directors.
 
     Raises
     ------
@@ -266,11 +266,11 @@ def reference(model: Model, x: np.ndarray) -> np.ndarray:
     directors, moment = shape.directors(Z), shape.moment(Z)
     strain = strains_of(trunk, activation)
     mean = mean_extension(trunk, strain)[:, None]
-    own, K, f = strain[:, segment_at(trunk, Z)], stiffness(trunk, Z), trunk.taper(Z)
+    local, K, f = strain[:, segment_at(trunk, Z)], stiffness(trunk, Z), trunk.taper(Z)
     force = np.stack([internal_force(load, trunk, Z) for load in loads])
     pull = np.sum(directors[:, :, 2] * force, axis=-1)
-    zeta = own[..., 0] * (1 + pull * mean / K[:, 0])
-    u = own[..., 1:] / f[:, None] + moment * mean[..., None] ** 2 / K[:, 1:]
+    zeta = local[..., 0] * (1 + pull * mean / K[:, 0])
+    u = local[..., 1:] / f[:, None] + moment * mean[..., None] ** 2 / K[:, 1:]
     flat = directors.reshape(*directors.shape[:2], 9)
     return np.concatenate([shape.position(Z), flat, zeta[..., None], u, moment], axis=-1)
 

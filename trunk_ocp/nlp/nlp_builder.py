@@ -63,8 +63,8 @@ class Block:
 
     def moved(self, variables: int, rows: int, step: int) -> Block:
         """The block of a time step, with indices of variables and rows shifted."""
-        own = None if self.variables is None else self.variables + variables
-        return replace(self, rows=self.rows + rows, step=step, variables=own)
+        moved = None if self.variables is None else self.variables + variables
+        return replace(self, rows=self.rows + rows, step=step, variables=moved)
 
 
 class NLPBuilder:

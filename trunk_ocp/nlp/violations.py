@@ -104,10 +104,10 @@ def _violation(
         # The variable keeps its bounds while the solver runs; what the rest of its equation
         # gives may leave them, which says more than the equation's residual.
         variable = block.variables.ravel()[at]
-        given = float(full[variable]) - (value - bounds[0])
+        rest = float(full[variable]) - (value - bounds[0])
         limits = (float(window.bounds["lbx"][variable]), float(window.bounds["ubx"][variable]))
-        if given < limits[0] or given > limits[1]:
-            value, bounds = given, limits
+        if rest < limits[0] or rest > limits[1]:
+            value, bounds = rest, limits
     component = meaning.quantity.components[i]
     scale, unit = component.scale, component.unit
     if unit == "rad":

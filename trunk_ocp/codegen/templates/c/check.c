@@ -1,13 +1,13 @@
 /*
- * Does this build of trunk.c give the numbers that it should?
+ * Self-check: compares this build of trunk.c with the check files.
  *
  *     cc -std=c99 -O2 trunk.c check.c -o check -lm && ./check [folder of the check files]
  *
- * Prints the largest error of each part of the outputs, relative to the part's largest number;
- * ends with 0 if all are below 1e-10. Loaded shapes are found twice, each from anew and then, as
- * "warm", from that of the case before; the first from that of the last. The files have one case
- * a row:
- *     check.csv            x, y, then, as far as trunk.c has them, J, v, dJ
+ * Prints the largest error of each part of the outputs, relative to the part's largest value;
+ * exits with 0 if all are below 1e-10. Loaded shapes are solved twice: from scratch, and "warm",
+ * starting from the case before (the first case from the last one). The files have one case per
+ * row:
+ *     check.csv            x, y, then J, v, dJ if trunk.c has them
  *     check_unloaded.csv   controls, y, then J if trunk.c has derivatives
  */
 #include "trunk.h"
@@ -16,18 +16,18 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#define BAR 1e-10
-#define NOTHING 1e-9 /* a part that is 0 but for round-off counts by its error alone */
+#define LIMIT 1e-10
+#define ROUND_OFF 1e-9 /* a part that is zero up to round-off is compared by absolute error */
 #define LOADED (TRUNK_POINTS * TRUNK_OUTPUTS)
 #define UNLOADED (TRUNK_POINTS * TRUNK_UNLOADED_OUTPUTS)
 
 static trunk_work work;
 static double expected[LOADED * TRUNK_INPUTS], found[LOADED * TRUNK_INPUTS];
 
-/* A kind of outputs: its parts' largest errors and numbers. */
+/* A kind of output, with the largest error and value of each part. */
 typedef struct {
     const char *name;
-    int outputs, width; /* of a point, and numbers of each of these */
+    int outputs, width; /* outputs of a point, and numbers of each output */
     double error[4], size[4];
 } block;
 
@@ -40,7 +40,7 @@ static void stop(const char *what, const char *why)
     exit(2);
 }
 
-/* Numbers of a row; 0 at the end of the file. */
+/* Read numbers of a row; returns 0 at the end of the file. */
 static int read_numbers(FILE *file, double *to, int count)
 {
     for (int i = 0; i < count; i++) {
@@ -48,16 +48,16 @@ static int read_numbers(FILE *file, double *to, int count)
             if (i == 0 && feof(file)) return 0;
             stop("check file", "expected another number");
         }
-        (void)!fscanf(file, ","); /* there is none at the end of a row */
+        (void)!fscanf(file, ","); /* no comma at the end of a row */
     }
     return 1;
 }
 
-/* Read what is expected, and compare what was found with it. */
+/* Read the expected numbers and compare the computed ones. */
 static void compare(FILE *file, block *to)
 {
     const int count = TRUNK_POINTS * to->outputs * to->width;
-    if (!read_numbers(file, expected, count)) stop(to->name, "the check file ends in a case");
+    if (!read_numbers(file, expected, count)) stop(to->name, "the check file ends within a case");
     for (int i = 0; i < count; i++) {
         const int output = i / to->width % to->outputs;
         const double error = fabs(found[i] - expected[i]), size = fabs(expected[i]);
@@ -68,14 +68,14 @@ static void compare(FILE *file, block *to)
     }
 }
 
-/* Print a block's errors; how many are too large. */
+/* Print a block's errors; returns how many are too large. */
 static int report(const block *of)
 {
     int bad = 0;
     for (int part = 0; part == 0 || (part < 4 && part_ends[part - 1] < of->outputs); part++) {
-        const double error = of->error[part] / (of->size[part] > NOTHING ? of->size[part] : 1);
+        const double error = of->error[part] / (of->size[part] > ROUND_OFF ? of->size[part] : 1);
         printf("%s %s %.1e\n", of->name, part_names[part], error);
-        bad += !(error <= BAR);
+        bad += !(error <= LIMIT);
     }
     return bad;
 }
@@ -96,7 +96,7 @@ static void expect_success(int status)
     if (status != TRUNK_OK) stop("case", trunk_message(status));
 }
 
-/* All loaded cases; warm, each from the shape that the work has. */
+/* All loaded cases; warm: each starts from the shape in the work. */
 static int check_loaded(const char *folder, int warm)
 {
     block y = {warm ? "warm" : "loaded", TRUNK_OUTPUTS, 1, {0}, {0}};
@@ -119,7 +119,8 @@ static int check_loaded(const char *folder, int warm)
         compare(file, &J);
 #endif
 #if TRUNK_HAS_SECOND
-        if (!read_numbers(file, v, TRUNK_INPUTS)) stop("second", "the check file ends in a case");
+        if (!read_numbers(file, v, TRUNK_INPUTS))
+            stop("second", "the check file ends within a case");
         expect_success(trunk_second(&work, v, found));
         compare(file, &dJ);
 #endif

@@ -2,12 +2,12 @@
  * The shape under load
  * --------------------
  * In space axes q' = q o (0, zeta_hat u) / 2, M' = -zeta d3 x N - l and r' = zeta d3, collocated
- * at TRUNK_NODES Gauss points of each element. M is a quadrature of M', so that the orientations
- * q at the Gauss points are all that an element has to solve for. Newton's method; each
- * element is condensed onto q and M at its start, and M(L) = 0 gives M(0).
+ * at TRUNK_NODES Gauss points of each element. M is a quadrature of M', so the unknowns of an
+ * element are only the orientations q at its Gauss points. Newton's method condenses each element
+ * onto q and M at its start; M(L) = 0 then gives M(0).
  *
- * Numbers of the Gauss points of an element stand component by component: that of component c
- * at point j is at [NODES * c + j].
+ * Arrays over the Gauss points of an element are stored component by component: component c at
+ * point j is at [NODES * c + j], so that a compiler can vectorize over the points.
  */
 
 #define ENDS TRUNK_ENDS
@@ -28,12 +28,12 @@ static double largest(double bound, const double *x, int count)
 {
     for (int i = 0; i < count; i++) {
         const double size = fabs(x[i]);
-        if (size > bound || isnan(size)) bound = size; /* keeps what is not a number */
+        if (size > bound || isnan(size)) bound = size; /* keeps NaN */
     }
     return bound;
 }
 
-/* Strains of the segments; a status. */
+/* Set the strains of the segments; returns a status. */
 static int set_strain(const double *activation, double strain[TRUNK_SEGMENTS][4], double *mean)
 {
     for (int s = 0; s < TRUNK_SEGMENTS; s++)
@@ -49,7 +49,7 @@ static int set_strain(const double *activation, double strain[TRUNK_SEGMENTS][4]
     return TRUNK_OK;
 }
 
-/* Force N on a section with this mass and share of the contact force beyond it. */
+/* Force N on a section, from the mass and the share of the contact force beyond it. */
 static void section_force(const double *load, double mass, double share, double N[3])
 {
     for (int i = 0; i < 3; i++) N[i] = load[1 + i];
@@ -61,7 +61,7 @@ static void section_force(const double *load, double mass, double share, double 
 #endif
 }
 
-/* Loads times a factor, at the Gauss points. */
+/* Set the loads, times a factor, at the Gauss points. */
 static void set_loads(trunk_work *work, const double *x, double factor)
 {
     for (int i = 0; i < TRUNK_LOADS; i++) work->load[i] = factor * x[TRUNK_GRAVITY + i];
@@ -81,7 +81,7 @@ static void set_loads(trunk_work *work, const double *x, double factor)
     }
 }
 
-/* w of an element's Gauss points: all but M. */
+/* Set w at an element's Gauss points, all but M. */
 static void gather(const trunk_work *work, int e, double w[18 * NODES])
 {
     const double *strain = work->strain[element_segment[e]];
@@ -94,7 +94,7 @@ static void gather(const trunk_work *work, int e, double w[18 * NODES])
     }
 }
 
-/* Values at the Gauss points from those at the start and h times rates; returns that at the end. */
+/* Integrate rates from an element's start to its Gauss points; returns the value at the end. */
 static double integrate(double start, double h, const double *rate, double *at)
 {
     double end = 0;
@@ -124,7 +124,7 @@ static void subtract(double *restrict to, const double factor[4],
         to[c] -= f0 * row[0][c] + f1 * row[1][c] + f2 * row[2][c] + f3 * row[3][c];
 }
 
-/* Factors of column k below the diagonal, after pivoting of rows, in the columns before `last`. */
+/* Eliminate column k below the diagonal with row pivoting, in the columns before `last`. */
 static int eliminate_column(trunk_element *a, int k, int last)
 {
     double *row = a->lu[k];
@@ -148,8 +148,8 @@ static int eliminate_column(trunk_element *a, int k, int last)
 }
 
 /*
- * Gaussian elimination of [matrix | right-hand sides] with pivoting of rows, four columns at a
- * time; the solutions take the place of the right-hand sides.
+ * Gaussian elimination of [matrix | right-hand sides] with row pivoting, four columns at a time so
+ * that most work is in `subtract`; the solutions replace the right-hand sides.
  */
 static int eliminate(trunk_element *a)
 {
@@ -174,7 +174,7 @@ static int eliminate(trunk_element *a)
     return 1;
 }
 
-/* Solve with the transpose of what was eliminated, in place. */
+/* Solve with the transpose of the eliminated matrix, in place. */
 static void solve_transposed(trunk_element *a, double x[TRUNK_Q])
 {
     for (int k = 0; k < TRUNK_Q; k += 4) {
@@ -200,7 +200,7 @@ static void solve_transposed(trunk_element *a, double x[TRUNK_Q])
 /*
  * The equations of an element, differentiated and multiplied by the inverse of gauss_A,
  *     sum_k D_jk (dq_k - dq_a) = h [Qq_j dq_j + Qm_j (dM_a + h sum_k A_jk mq_k dq_k)] + h f_j,
- * as the transpose of their matrix, beside the weights of dq in the element's ends.
+ * stored as the transpose of their matrix, next to the weights of dq in the element's ends.
  */
 static void set_matrix(trunk_element *a, double h, const double *frame, const double *force)
 {
@@ -225,13 +225,13 @@ static void set_matrix(trunk_element *a, double h, const double *frame, const do
     }
 }
 
-/* to += factor * from, for what an element hands on. */
+/* to += factor * from, for the state at an element's end. */
 static void add(double *restrict to, double factor, const double *restrict from)
 {
     for (int i = 0; i < ENDS; i++) to[i] += factor * from[i];
 }
 
-/* Weights on M', and the ends by q and M at the start. */
+/* Weights on M', and derivatives of the ends with respect to q and M at the start. */
 static void set_start_map(trunk_element *a, double h)
 {
     double on_turn[3 * NODES][ENDS];
@@ -262,10 +262,11 @@ static void set_start_map(trunk_element *a, double h)
     }
 }
 
-/* The ends of an element by its own parameters. */
+/* Derivatives of an element's ends with respect to its parameters. */
 static void set_own_map(trunk_element *a, int e, const double *frame, const double *force)
 {
-    static const int place[5] = {4, 0, 0, 0, 5}; /* of zeta, mean among force's slopes; not c */
+    /* Columns of zeta and mean extension in the slopes of the force; c has none. */
+    static const int place[5] = {4, 0, 0, 0, 5};
     double (*const map)[ENDS] = a->map + 7, h = width[e];
     for (int j = 0; j < NODES; j++) {
         double by_force[3][ENDS];
@@ -295,7 +296,7 @@ static void set_own_map(trunk_element *a, int e, const double *frame, const doub
     }
 }
 
-/* The inverse of a 3 x 3 matrix given by columns of numbers [4 .. 6]; 0 if it has none. */
+/* Inverse of a 3 x 3 matrix whose columns are numbers [4 .. 6]; 0 if it is singular. */
 static int invert(double inverse[3][3], double columns[3][ENDS])
 {
     double determinant = 0;

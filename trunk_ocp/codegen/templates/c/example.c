@@ -1,5 +1,5 @@
 /*
- * A first program with the trunk: its shape at rest, one contraction, and how long a call takes.
+ * Example: the shape at rest, one contraction, and the time of a call.
  *
  *     cc -std=c99 -O3 trunk.c example.c -o example -lm && ./example
  */
@@ -12,15 +12,15 @@
 #include <time.h>
 
 #define CALLS 20000
-#define BATCH 20 /* calls between two looks at the clock */
+#define BATCH 20 /* calls per time measurement */
 
-static trunk_work work; /* large: better not on a small stack */
+static trunk_work work; /* too large for a small stack */
 static double x[TRUNK_INPUTS], y[TRUNK_POINTS * TRUNK_OUTPUTS];
 #if TRUNK_HAS_JACOBIAN
 static double J[TRUNK_POINTS * TRUNK_OUTPUTS * TRUNK_INPUTS];
 #endif
 
-/* End the program with a sentence if a call did not succeed. */
+/* Exit with a message if a call failed. */
 static void check(int status)
 {
     if (status == TRUNK_OK) return;
@@ -38,7 +38,7 @@ static void print_points(const char *what)
     }
 }
 
-/* One call, as a controller makes it: the shape and, if it is there, the whole Jacobian. */
+/* One call of a controller: the shape and, if it is exported, the whole Jacobian. */
 static void call(void)
 {
     check(trunk_loaded(x, &work, y));
@@ -47,7 +47,7 @@ static void call(void)
 #endif
 }
 
-/* Activations in a slow motion: each oscillates; a step changes it by 0.01 at most. */
+/* Activations of a slow motion: each oscillates by at most 0.01 a step. */
 static void move_to(int step)
 {
     for (int m = 0; m < TRUNK_MUSCLES; m++)
@@ -81,7 +81,7 @@ static void time_calls(const char *what, int cold)
         mean += times[i] / count;
     }
     qsort(times, (size_t)count, sizeof times[0], compare);
-    printf("%s: median %.1f, mean %.1f microseconds a call (%d calls)\n", what, times[count / 2],
+    printf("%s: median %.1f, mean %.1f microseconds per call (%d calls)\n", what, times[count / 2],
            mean, count * BATCH);
 }
 
@@ -98,7 +98,7 @@ int main(void)
     print_points("active");
 #if TRUNK_HAS_JACOBIAN
     check(trunk_jacobian(&work, J));
-    printf("\nlast point by that activation: %10.6f %10.6f %10.6f m\n",
+    printf("\nlast point per unit of that activation: %10.6f %10.6f %10.6f m\n",
            J[((TRUNK_POINTS - 1) * TRUNK_OUTPUTS + 0) * TRUNK_INPUTS],
            J[((TRUNK_POINTS - 1) * TRUNK_OUTPUTS + 1) * TRUNK_INPUTS],
            J[((TRUNK_POINTS - 1) * TRUNK_OUTPUTS + 2) * TRUNK_INPUTS]);
@@ -106,6 +106,6 @@ int main(void)
 #endif
     printf("\n%s\n", TRUNK_HAS_JACOBIAN ? "shape and Jacobian" : "shape");
     time_calls("along a motion", 0);
-    time_calls("from anew", 1);
+    time_calls("from scratch", 1);
     return 0;
 }

@@ -1,8 +1,8 @@
 /*
- * Derivatives by the inputs
- * -------------------------
- * By the trunk's parameters first, PARAMETERS of them: head, mean extension, loads, strains of
- * the segments; activations act through strains and the mean.
+ * Derivatives with respect to the inputs
+ * --------------------------------------
+ * First with respect to the PARAMETERS of the trunk: head, mean extension, loads, strains of the
+ * segments. Activations act only through strains and mean extension, of which there are fewer.
  */
 
 #define PARAMETERS TRUNK_PARAMETERS
@@ -10,7 +10,7 @@
 #define LOAD 3
 #define STRAIN (3 + TRUNK_LOADS)
 
-/* Which of an element's parameters a parameter of the trunk is, in its map; -1 for none. */
+/* Row of an element's map that belongs to a parameter of the trunk; -1 if there is none. */
 static int own_parameter(int parameter, int segment)
 {
     if (parameter < MEAN) return -1;
@@ -20,7 +20,7 @@ static int own_parameter(int parameter, int segment)
     return 0 <= parameter && parameter < 4 ? parameter : -1;
 }
 
-/* Add the change of M(0) that keeps M(L) = 0 to the change of every edge with a given one. */
+/* Add to the change of every edge the change of M(0) that keeps M(L) = 0. */
 static void close_column(const trunk_work *work, double *edges, size_t stride)
 {
     const double *tip = edges + TRUNK_ELEMENTS * stride + 4;
@@ -33,14 +33,14 @@ static void close_column(const trunk_work *work, double *edges, size_t stride)
         for (int m = 0; m < 3; m++) add(edges + (size_t)e * stride, start[m], work->by_start[e][m]);
 }
 
-/* Change of an element's ends from that at its start, without its own parameters. */
+/* Change of an element's end due to the change at its start, without its own parameters. */
 static void carry(const trunk_element *a, const double from[ENDS], double to[ENDS])
 {
     for (int i = 0; i < ENDS; i++) to[i] = i < 7 ? 0 : from[i];
     for (int i = 0; i < 7; i++) add(to, from[i], a->map[i]);
 }
 
-/* Response of the edges to the parameters, at the shape in the work; a status. */
+/* Derivatives of the edges with respect to the parameters, at the shape in the work; a status. */
 static int respond(trunk_work *work)
 {
     double base[7], slopes[14];
@@ -69,7 +69,7 @@ static int respond(trunk_work *work)
     return TRUNK_OK;
 }
 
-/* Change of w of `report` at a point with a parameter. */
+/* Derivative of w of `report` at a point with respect to a parameter. */
 static void point_change(const trunk_work *work, int point, int parameter, double w[15])
 {
     const double *edge = work->response[trunk_edge[point]][parameter];
@@ -85,7 +85,7 @@ static void point_change(const trunk_work *work, int point, int parameter, doubl
     }
 }
 
-/* Outputs by inputs, from outputs by parameters (which is changed). */
+/* Derivatives with respect to inputs, from those with respect to parameters (overwritten). */
 static void chain(double by[PARAMETERS][TRUNK_OUTPUTS], double *J)
 {
     for (int s = 0; s < TRUNK_SEGMENTS; s++)

@@ -1,9 +1,9 @@
 /*
- * Rate of change of the Jacobian along a direction: the same linear equations, forced by the
- * second derivatives of the rates along a parameter's and the direction's change of w.
+ * Derivative of the Jacobian along a direction: the same linear equations, forced by the second
+ * derivatives of the rates along two changes of w, a parameter's and the direction's.
  */
 
-/* What rates q' (4), M' (3), r' (3) at Gauss point j add to an element's ends. */
+/* Add the rates q' (4), M' (3), r' (3) at Gauss point j to an element's end. */
 static void add_rates(double to[ENDS], const trunk_element *a, double h, int j, const double f[10])
 {
     for (int c = 0; c < 4; c++) add(to, h * f[c], a->lu[NODES * c + j] + TRUNK_Q);
@@ -21,7 +21,7 @@ static void combine(const double *weights, const double *columns, int count, dou
         for (int i = 0; i < count; i++) to[i] += weights[c] * columns[c * count + i];
 }
 
-/* Change of w at an element's Gauss points with a parameter. */
+/* Derivative of w at an element's Gauss points with respect to a parameter. */
 static void spread(trunk_work *work, int e, int parameter, const double *frame,
                    const double *force, double dw[18 * NODES])
 {
@@ -43,7 +43,7 @@ static void spread(trunk_work *work, int e, int parameter, const double *frame,
             dw[NODES * (7 + own) + j] = 1;
         }
     }
-    for (int turn = 0; turn < 2; turn++) { /* M by parameters alone, then q, then M by q as well */
+    for (int turn = 0; turn < 2; turn++) { /* M from parameters, then q, then M from q as well */
         for (int m = 0; m < 3; m++) {
             double rate[NODES];
             for (int j = 0; j < NODES; j++) {
@@ -66,7 +66,7 @@ static void spread(trunk_work *work, int e, int parameter, const double *frame,
     }
 }
 
-/* Second response of the edges to each parameter and the direction, `along` the parameters. */
+/* Second derivatives of the edges with respect to each parameter and the direction `along`. */
 static void respond_twice(trunk_work *work, const double along[PARAMETERS])
 {
     double (*const second)[PARAMETERS][ENDS] = work->second;

@@ -1,8 +1,8 @@
-/* Largest | |q|^2 - 1 | at a Gauss point of a shape to trust. Shapes with less were within 8e-7 of
- * those on a mesh four times as fine, whatever the load; with more, some are plainly wrong. */
-#define DEFECT 1e-5
+/* Largest | |q|^2 - 1 | at the Gauss points of a resolved shape. Shapes below it were within 8e-7
+ * of those on a mesh four times as fine, whatever the load; above it, some are plainly wrong. */
+#define MAX_DEFECT 1e-5
 
-/* The state at an element's edge, as w of `report`. */
+/* State at an element's edge, as w of `report`. */
 static void edge_state(const trunk_work *work, int point, double w[15])
 {
     const int e = trunk_edge[point];
@@ -14,7 +14,7 @@ static void edge_state(const trunk_work *work, int point, double w[15])
     section_force(work->load, edge_mass[point], edge_share[point], w + 12);
 }
 
-/* Outputs of the shape in the work; also sets M at the edges to the shape's. */
+/* Outputs of the shape in the work; also updates M at the edges. */
 static void describe(trunk_work *work, double *y)
 {
     double base[7], position[TRUNK_ELEMENTS + 1][3];
@@ -37,7 +37,7 @@ static void describe(trunk_work *work, double *y)
     }
 }
 
-/* The unloaded shape, with M = 0 at the base: where Newton's method starts. */
+/* Set the unloaded shape, with M = 0 at the base, as start of Newton's method. */
 static void set_unloaded(trunk_work *work)
 {
     double w[8], end[7];
@@ -56,7 +56,7 @@ static void set_unloaded(trunk_work *work)
     for (int i = 0; i < 4; i++) shape->edge[TRUNK_ELEMENTS][i] = end[i];
 }
 
-/* The shape at the full loads of x, from none in steps; whether it was found. */
+/* Raise the loads from zero to those of x in steps; returns whether the shape was found. */
 static int raise_loads(trunk_work *work, const double *x)
 {
     double reached = 0, ahead = 0.25;
@@ -74,15 +74,15 @@ static int raise_loads(trunk_work *work, const double *x)
         } else {
             work->shape = last;
             ahead /= 2;
-            if (ahead < SMALLEST_LOAD_STEP) return 0;
+            if (ahead < MIN_LOAD_STEP) return 0;
         }
     }
     return 1;
 }
 
 /*
- * Whether the mesh resolves the shape in the work. Gauss collocation keeps |q| = 1 at the edges
- * whatever the mesh; at the Gauss points only as far as an element follows the bend.
+ * Whether the mesh resolves the shape in the work. Gauss collocation keeps |q| = 1 at the edges on
+ * any mesh, but at the Gauss points only if the element resolves the bend.
  */
 static int resolved(const trunk_work *work)
 {
@@ -90,16 +90,16 @@ static int resolved(const trunk_work *work)
         for (int j = 0; j < NODES; j++) {
             double defect = -1;
             for (int c = 0; c < 4; c++) defect += square(work->shape.q[e][NODES * c + j]);
-            if (!(fabs(defect) <= DEFECT)) return 0;
+            if (!(fabs(defect) <= MAX_DEFECT)) return 0;
         }
     }
     return 1;
 }
 
-/* The equilibrium under the inputs x; a status. */
+/* Find the equilibrium under the inputs x; returns a status. */
 static int find(trunk_work *work, const double *x)
 {
-    work->steps_left = TRUNK_MOST_STEPS;
+    work->steps_left = TRUNK_MAX_STEPS;
     set_loads(work, x, 1);
     if (work->found && newton(work) && resolved(work)) return TRUNK_OK;
     work->linear = 0;
@@ -123,9 +123,9 @@ const char *trunk_message(int status)
     case TRUNK_OK: return "an equilibrium was found";
     case TRUNK_NOT_FOUND:
         return "no equilibrium found: the trunk may buckle or coil; reduce loads or activations";
-    case TRUNK_COLLAPSED: return "the activations shorten a segment to nothing";
+    case TRUNK_COLLAPSED: return "the activations shorten a segment to zero length";
     case TRUNK_NOT_FINITE:
-        return "an input, or what follows from it, is infinite or not a number";
+        return "an input or a result is infinite or NaN";
     case TRUNK_COARSE:
         return "the shape bends too sharply for this mesh; reduce the load or the activation, or "
                "export with a finer mesh";

@@ -1,9 +1,9 @@
 /* Newton's method for the whole trunk. */
 
-#define MOST_STEPS 40 /* from one start */
-#define SMALLEST_LOAD_STEP 1e-4
+#define MAX_STEPS 40 /* from one starting shape */
+#define MIN_LOAD_STEP 1e-4
 
-/* Linearize all elements at the shape in the work; 0 if that cannot be solved. */
+/* Linearize all elements at the shape in the work; 0 if the equations are singular. */
 static int linearize(trunk_work *work)
 {
     work->linear = 0;
@@ -31,7 +31,7 @@ static int linearize(trunk_work *work)
     return work->linear;
 }
 
-/* Residuals of an element, as rates times h; returns what they make of a change at its start. */
+/* Residuals of an element, as rates times h, and their effect on a change at its start. */
 static void hand_on(trunk_work *work, int e, double residual[TRUNK_Q], const double from[7],
                     double to[ENDS])
 {
@@ -57,7 +57,7 @@ static void hand_on(trunk_work *work, int e, double residual[TRUNK_Q], const dou
     for (int i = 0; i < 7; i++) add(to, from[i], a->map[i]);
 }
 
-/* One step of Newton's method with the linearization at hand; returns its relative size. */
+/* One Newton step with the current linearization; returns its relative size. */
 static double correct(trunk_work *work, const double base[7])
 {
     trunk_shape *shape = &work->shape;
@@ -100,22 +100,22 @@ static double correct(trunk_work *work, const double base[7])
 }
 
 /*
- * Newton's method from the shape in the work; whether it converged. A linearization is kept while
- * steps shrink fast with it: near the last shape no new one is needed, and the first step is
- * then the first-order prediction from that shape.
+ * Newton's method from the shape in the work; returns whether it converged. A linearization is
+ * reused while steps shrink fast with it: near the last shape no new one is needed, and the first
+ * step is the first-order prediction from that shape.
  */
 static int newton(trunk_work *work)
 {
     double base[7], last = work->linear ? HUGE_VAL : 0;
     int renew = !work->linear;
     base_values(work->head, NULL, base);
-    for (int step = 0; step < MOST_STEPS && work->steps_left > 0; step++) {
+    for (int step = 0; step < MAX_STEPS && work->steps_left > 0; step++) {
         double size, error;
         work->steps_left--;
         if (renew && !linearize(work)) return 0;
         size = correct(work, base);
         if (!(size < 1e6)) return 0;
-        /* The error left: quadratic after a new linearization, in proportion with an old one. */
+        /* Remaining error: quadratic after a new linearization, linear with an old one. */
         error = renew ? 1e3 * size * size : step ? size * (size / last) : size;
         if (error < 1e-13) return 1;
         renew = size > 0.1 * last;

@@ -5,7 +5,7 @@
 #define UNLOADED_PARAMETERS (2 + 4 * TRUNK_SEGMENTS) /* head, strains of the segments */
 #define UNLOADED TRUNK_UNLOADED_OUTPUTS
 
-/* q and r at an edge, and their derivatives by the parameters. */
+/* q and r at an edge, and their derivatives with respect to the parameters. */
 typedef struct {
     double q[4], r[3], by[UNLOADED_PARAMETERS][7];
 } unloaded_edge;
@@ -20,7 +20,7 @@ static void unloaded_base(const double *head, unloaded_edge *at)
     for (int i = 0; i < 14; i++) at->by[i / 7][i % 7] = slopes[i];
 }
 
-/* From an element's start to its end. */
+/* Propagate from an element's start to its end. */
 static void unloaded_step(unloaded_edge *at, int e, const double strain[4], int derivatives)
 {
     double w[8], end[7], slopes[8][7];
@@ -46,7 +46,7 @@ static void unloaded_step(unloaded_edge *at, int e, const double strain[4], int 
     for (int i = 0; i < 3; i++) at->r[i] += end[4 + i];
 }
 
-/* Derivative of one point's outputs by the controls. */
+/* Derivatives of one point's outputs with respect to the controls. */
 static void unloaded_jacobian(const unloaded_edge *at, int segment, double slopes[15][16],
                               double *J)
 {

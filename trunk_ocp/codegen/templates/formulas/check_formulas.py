@@ -1,8 +1,9 @@
 """Compare trunk_formulas.py with the numbers in check_formulas.csv; exits 1 if they disagree.
 
 A row is one point Z of the trunk under one activation: Z, then zeta and c (4) of the muscle's
-segment, r(Z_1) and d_i(Z_1) (12), and what is expected: r(Z), d_i(Z) (12), their derivatives by
-gamma (12), and delta_0, delta_1, delta_3, zeta_gamma, c_gamma (7). Vectors have space axes.
+segment, r(Z_1) and d_i(Z_1) (12), then the expected r(Z), d_i(Z) (12), their derivatives with
+respect to gamma (12), and delta_0, delta_1, delta_3, zeta_gamma, c_gamma (7). Vectors are in
+space axes.
 """
 
 import csv
@@ -14,7 +15,7 @@ import mpmath as mp
 import sympy as sp
 import trunk_formulas as formulas
 
-BAR = 1e-10
+LIMIT = 1e-10
 SIZES = {"position": 3, "directors": 9, "d_position": 3, "d_directors": 9, "coefficients": 7}
 
 
@@ -33,12 +34,12 @@ def cross(a: list[Any], b: list[Any]) -> list[Any]:
 
 
 def triples(flat: list[Any]) -> list[list[Any]]:
-    """Vectors one after the other, apart."""
+    """Split a list into vectors of three."""
     return [flat[i : i + 3] for i in range(0, len(flat), 3)]
 
 
 def pose(row: list[Any], forms: tuple[Any, Any]) -> dict[str, list[Any]]:
-    """Position, directors and their derivatives in space axes, at Z or, beyond Z_2, as expected."""
+    """Position, directors and their derivatives in space axes at Z."""
     Z, strain, start, frame = row[0], row[1:5], row[5:8], triples(row[8:17])
     spiral, straight = forms
     form = spiral if any(strain[1:]) else straight
@@ -49,7 +50,7 @@ def pose(row: list[Any], forms: tuple[Any, Any]) -> dict[str, list[Any]]:
 
     rho, *d, turn, move = (space(v) for v in triples(form(inside, *strain)))
     r = [start[i] + rho[i] for i in range(3)]
-    if Z > inside:  # the way from Z_2 to Z, and the directors, are those of other segments
+    if Z > inside:  # position and directors depend on other segments: use the expected ones
         lever = [row[17 + i] - r[i] for i in range(3)]
         move = [x + y for x, y in zip(move, cross(turn, lever), strict=True)]
         r, d = row[17:20], triples(row[20:29])
@@ -62,7 +63,7 @@ def pose(row: list[Any], forms: tuple[Any, Any]) -> dict[str, list[Any]]:
 
 
 def main() -> int:
-    """Print one line for each kind of numbers; 0 if all are within `BAR`."""
+    """Print one line for each kind of numbers; 0 if all are within `LIMIT`."""
     mp.mp.dps = 50
     numbers = formulas.numbers()
     known = {name: x for name, x in numbers.items() if name.endswith("_gamma")}
@@ -70,22 +71,23 @@ def main() -> int:
     if formulas.VALUES["k"] == 0:
         known["k"] = sp.Integer(0)
     forms = evaluator(formulas.spiral(), known), evaluator(formulas.straight(), known)
-    told = [n for n in numbers if n.startswith("delta")] + [n for n in numbers if "_gamma" in n]
+    coefficients = [name for name in numbers if name.startswith("delta") or "_gamma" in name]
     error, size = dict.fromkeys(SIZES, 0.0), dict.fromkeys(SIZES, 0.0)
     with open(Path(__file__).with_name("check_formulas.csv"), newline="") as file:
         rows = [[mp.mpf(cell) for cell in row] for row in csv.reader(file)]
     for row in rows:
-        found = pose(row, forms) | {"coefficients": [mp.mpf(numbers[name]) for name in told]}
+        computed = pose(row, forms)
+        computed["coefficients"] = [mp.mpf(numbers[name]) for name in coefficients]
         at = 17
         for name, count in SIZES.items():
-            for got, wanted in zip(found[name], row[at : at + count], strict=True):
+            for got, wanted in zip(computed[name], row[at : at + count], strict=True):
                 error[name] = max(error[name], float(abs(got - wanted)))
                 size[name] = max(size[name], float(abs(wanted)))
             at += count
     relative = {name: error[name] / (size[name] or 1.0) for name in SIZES}
     for name, value in relative.items():
         print(f"formulas {name} {value:.1e}")
-    return 0 if rows and all(value <= BAR for value in relative.values()) else 1
+    return 0 if rows and all(value <= LIMIT for value in relative.values()) else 1
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 function check()
 % CHECK  Compares trunk_shape with check.csv and check_unloaded.csv. Build first: help trunk_shape
 %
-%   Prints the largest error of each part of the outputs, relative to the part's largest number;
-%   ends with an error if one is above 1e-10. The files have one case a row:
-%       check.csv            x, y, then, as far as they were exported, J, v, dJ
+%   Prints the largest error of each part of the outputs, relative to the part's largest value;
+%   ends with an error if one is above 1e-10. The files have one case per row:
+%       check.csv            x, y, then J, v, dJ if they were exported
 %       check_unloaded.csv   controls, y, then J if there are derivatives
 
   inputs = numel(trunk_shape('inputs'));
@@ -34,7 +34,7 @@ function good = check_loaded(inputs, controls)
       loads.contact_couple = x(controls + (8:10));
     end
     given = {x(1:controls - 2), x(controls - 1:controls), loads};
-    trunk_shape('reset');  % the cases have nothing to do with each other
+    trunk_shape('reset');  % the cases are independent of each other
     if kinds == 4
       [shape, jac, second] = trunk_shape(given{:}, part(4));
       dJ(end + 1, :) = {numbers(second), unpacked(part(5), 19, n, inputs)};
@@ -105,11 +105,11 @@ function good = report(name, pairs)
       own = pairs{i, 1}(ends(k) + 1:ends(k + 1), :, :);
       expected = pairs{i, 2}(ends(k) + 1:ends(k + 1), :, :);
       difference = abs(own(:) - expected(:));
-      difference(isnan(difference)) = Inf;  % max would pass over NaN
+      difference(isnan(difference)) = Inf;  % max ignores NaN
       error_ = max([error_; difference]);
       scale = max([scale; abs(expected(:))]);
     end
-    if scale > 1e-9  % a part that is 0 but for round-off counts by its error alone
+    if scale > 1e-9  % a part that is zero up to round-off is compared by absolute error
       error_ = error_ / scale;
     end
     fprintf('%s %s %.1e\n', name, parts{k}, error_);

@@ -1,4 +1,4 @@
-% Where the tip of the trunk is, and how it moves with each muscle. Build first: help trunk_shape
+% Position of the tip, and its derivative for each muscle. Build first: help trunk_shape
 
 names = trunk_shape('inputs');
 muscles = find(strcmp(names, 'psi_Z')) - 1;

@@ -1,6 +1,6 @@
 /*
- * MEX gateway to trunk.c for MATLAB and Octave; trunk_shape.m says how to call it. To build, in
- * MATLAB or in a shell for Octave:
+ * MEX gateway to trunk.c for MATLAB and Octave; trunk_shape.m documents its calls. To build, in
+ * MATLAB, or in a shell for Octave:
  *
  *     mex trunk_shape.c trunk.c
  *     mkoctfile --mex trunk_shape.c trunk.c
@@ -106,7 +106,7 @@ static mxArray *parts(const double *y, int outputs, int width)
         for (int column = 0; column < columns; column++)
             for (int point = 0; point < TRUNK_POINTS; point++)
                 for (int i = 0; i < size; i++) {
-                    /* MATLAB has columns first: of d_1, d_2, d_3 as rows, too. */
+                    /* MATLAB arrays are column-major, and row i of the frame is d_i. */
                     const int row = frames ? 3 * (i % 3) + i / 3 : i;
                     *to++ = y[(point * outputs + start + row) * columns + column];
                 }

@@ -29,7 +29,7 @@ static double *room(size_t count) {
   return made;
 }
 
-/* Reads so many numbers of a line; 0 at the end of the file. */
+/* Reads numbers of a line; returns 0 at the end of the file. */
 static int read_numbers(FILE *file, double *into, size_t count) {
   for (size_t i = 0; i < count; i++) {
     if (fscanf(file, "%lf", &into[i]) != 1) return 0;

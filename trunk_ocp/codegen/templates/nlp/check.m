@@ -20,7 +20,7 @@ for i = 1:size(lines, 1)
   expected = {part(2), part(3), part(4), part(5), part(8)};
   for k = 1:5
     difference = abs(ours{k} - expected{k});
-    difference(isnan(difference)) = Inf;  % max would pass over NaN
+    difference(isnan(difference)) = Inf;  % max ignores NaN
     errors(k) = max([errors(k); difference]);
     scales(k) = max([scales(k); abs(expected{k})]);
   end
@@ -31,5 +31,5 @@ for k = 1:5
   fprintf('nlp %s %.1e\n', names{k}, shares(k));
 end
 if any(shares > 1e-10) || isempty(lines)
-  error('trunk:check', 'the NLP does not give the numbers of nlp_check.csv');
+  error('trunk:check', 'the NLP disagrees with nlp_check.csv');
 end

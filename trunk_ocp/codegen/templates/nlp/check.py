@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 HERE = Path(__file__).parent
-BAR = 1e-10  # of the largest expected value of a block
+LIMIT = 1e-10  # relative to the largest expected value of a block
 NAMES = ("objective", "constraints", "gradient", "jacobian", "hessian")
 
 
 def main() -> int:
-    """Print the largest difference of each block; 0 if all are within the bar."""
+    """Print the largest relative error of each block; returns 0 if all are within the limit."""
     gradient, jacobian, hessian = (
         ca.Function.load(str(HERE / f"nlp_{name}.casadi")) for name in ("grad_f", "jac_g", "hess_l")
     )
@@ -34,7 +34,7 @@ def main() -> int:
     shares = errors / np.where(scales > 0, scales, 1.0)
     for name, share in zip(NAMES, shares, strict=True):
         print(f"nlp {name} {share:.1e}")
-    return 0 if np.all(shares <= BAR) else 1
+    return 0 if np.all(shares <= LIMIT) else 1
 
 
 if __name__ == "__main__":

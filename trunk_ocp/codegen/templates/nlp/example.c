@@ -10,7 +10,7 @@
 
 typedef int evaluation(const double **, double **, casadi_int *, double *, int);
 
-/* Nonzeros of a sparsity pattern: the last of "where each column starts". */
+/* Number of nonzeros of a sparsity pattern: the last of its column starts. */
 static size_t nonzeros(const casadi_int *sparsity) {
   return (size_t)sparsity[2 + sparsity[1]];
 }
@@ -24,7 +24,7 @@ static double *room(size_t count) {
   return made;
 }
 
-/* Evaluates a function again and again for a tenth of a second; returns the time of one call. */
+/* Repeats a call for a tenth of a second; returns the time of one call. */
 static double timed(evaluation *evaluate, const double **arg, double **res, size_t work) {
   double *w = room(work), seconds;
   casadi_int iw[1];
@@ -45,7 +45,7 @@ int main(void) {
   double f, lam_f = 1.0, *g = room(NLP_ROWS), *gradient = room(NLP_UNKNOWNS);
   double *jacobian = room(in_jacobian), *hessian = room(in_hessian), seconds;
 
-  /* Inputs and outputs of each call; a function works in what is left of its own arrays. */
+  /* Inputs and outputs of each call, with the workspace that it needs. */
   const double *of_f[nlp_grad_f_SZ_ARG] = {nlp_start, NULL};
   const double *of_g[nlp_jac_g_SZ_ARG] = {nlp_start, NULL};
   const double *of_h[nlp_hess_l_SZ_ARG] = {nlp_start, NULL, &lam_f, NULL};
@@ -58,7 +58,7 @@ int main(void) {
   printf("objective %.12g, with its gradient in %.3f ms\n", f, 1e3 * seconds);
   seconds = timed(nlp_jac_g, of_g, to_g, nlp_jac_g_SZ_W);
   printf("Jacobian: %lu nonzeros, in %.3f ms\n", (unsigned long)in_jacobian, 1e3 * seconds);
-  /* lam_g is NULL, so this is the Hessian of the objective; it takes as long as any. */
+  /* lam_g is NULL: the Hessian of the objective, at the cost of the full Hessian. */
   seconds = timed(nlp_hess_l, of_h, to_h, nlp_hess_l_SZ_W);
   printf("Hessian: %lu nonzeros, in %.3f ms\n", (unsigned long)in_hessian, 1e3 * seconds);
 

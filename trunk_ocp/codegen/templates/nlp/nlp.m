@@ -8,17 +8,17 @@ function varargout = nlp(varargin)
 %   [f, g] = nlp('nlp', x)
 %   [f, gradient] = nlp('nlp_grad_f', x)
 %   [g, J] = nlp('nlp_jac_g', x)                      sparse Jacobian of g
-%   H = nlp('nlp_hess_l', x, [], lam_f, lam_g)        sparse upper triangle of the Hessian
-%                                                           of lam_f * f + lam_g' * g
-%   lower = nlp('lower'), and so 'upper', 'row_lower', 'row_upper'
+%   H = nlp('nlp_hess_l', x, [], lam_f, lam_g)        sparse upper triangle of the Hessian of
+%                                                     lam_f * f + lam_g' * g
+%   lower = nlp('lower'), likewise 'upper', 'row_lower', 'row_upper'
 %   x = nlp('start')                                  the passive trunk
 %   [rows, columns] = nlp('pattern', 'nlp_jac_g')     where J, or H, may have nonzeros
 %
 %   @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of
 %   @LENGTH@ m, forces of @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2.
-%   layout.json says what each unknown, row and parameter is. The second input of the functions,
-%   after x, is a change of the motion's own @PARAMETERS@ parameters (parameters.csv), such as a
-%   target that moves; left out or [], it is 0.
+%   layout.json names every unknown, row and parameter. The second input of the functions, after
+%   x, is a change of the motion's @PARAMETERS@ parameters (parameters.csv), for example to move a
+%   target; [] or nothing leaves the motion unchanged.
 %
 %   To build, in MATLAB:
 %       mex -output nlp nlp_mex.c nlp.c nlp_data.c

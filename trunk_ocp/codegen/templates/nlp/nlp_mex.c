@@ -1,5 +1,5 @@
 /* MEX gateway to the NLP of the motion @NAME@, exported by trunk_ocp @VERSION@.
- * nlp.m says how to call it. To build, in MATLAB or in a shell for Octave:
+ * nlp.m documents its calls. To build, in MATLAB, or in a shell for Octave:
  *
  *     mex -output nlp nlp_mex.c nlp.c nlp_data.c
  *     mkoctfile --mex -o nlp.mex nlp_mex.c nlp.c nlp_data.c

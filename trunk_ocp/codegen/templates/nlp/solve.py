@@ -1,4 +1,4 @@
-"""Solve the motion @NAME@ with Ipopt, from the exported files alone: python solve.py.
+"""Solve the motion @NAME@ with Ipopt, using only the exported files: python solve.py.
 
 Exported by trunk_ocp @VERSION@. Each .casadi file holds one casadi.Function, loaded by
 casadi.Function.load("nlp.casadi") - in MATLAB casadi.Function.load, in C++ casadi::Function::load:
@@ -10,9 +10,9 @@ casadi.Function.load("nlp.casadi") - in MATLAB casadi.Function.load, in C++ casa
 
 @STEPS@ time steps: @UNKNOWNS@ unknowns x, @ROWS@ constraints g. Lengths are in units of
 @LENGTH@ m, forces of @FORCE@ N and moments of @MOMENT@ N m; angles are in rad, f is in m^2.
-layout.json says what each unknown, row and parameter is. p is a change of the motion's own
-@PARAMETERS@ parameters (parameters.csv), such as a target that moves; left out, it is 0. The
-solution goes to solution.csv, a number for each unknown.
+layout.json names every unknown, row and parameter. p is a change of the motion's @PARAMETERS@
+parameters (parameters.csv), for example to move a target; its default is 0. The solution is written
+to solution.csv, one number for each unknown.
 """
 
 import json
@@ -35,9 +35,9 @@ def solver() -> ca.Function:
         "grad_f": gradient,
         "jac_g": jacobian,
         "hess_lag": hessian,
-        # There are many local optima; Ipopt's own 0.1 leaves the start and finds worse ones.
+        # There are many local optima; Ipopt's default of 0.1 leaves the start for worse ones.
         "ipopt.mu_init": 1e-6,
-        # Multipliers of p would need one more function.
+        # Multipliers of p would need another function.
         "no_nlp_grad": True,
         "calc_lam_p": False,
     }

@@ -1,4 +1,4 @@
-"""Compares this export with the numbers that were written beside it: python check.py.
+"""Compare this export with its check files: python check.py.
 
 Prints, for each map and each part of a point's outputs, the largest difference over the file,
 relative to the largest expected value. Exits with 1 if one is above its limit.
@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-# <world>
+# <maps>
 from check_numpy import CONTROLS, MAPS, POINTS, PRECISIONS, SIZE
 
-# </world>
-ROUND_OFF = 1e-9  # expected values below it are 0, as is the moment at the tip: absolute then
+# </maps>
+ROUND_OFF = 1e-9  # parts below it, such as the moment at the tip, are compared absolutely
 PARTS = {
     "position": slice(0, 3),
     "directors": slice(3, 12),
@@ -24,7 +24,7 @@ PARTS = {
 
 
 def read(name: str, inputs: int, outputs: int) -> list[np.ndarray]:
-    """x, y, J, v, dJ of all cases of a file, as far as it has them."""
+    """x, y, J, v, dJ of all cases of a file, if it has them."""
     rest = np.loadtxt(Path(__file__).with_name(name), delimiter=",", ndmin=2)
     shapes = [(inputs,), (POINTS, outputs), (POINTS, outputs, inputs)]
     blocks = []
@@ -38,7 +38,7 @@ def read(name: str, inputs: int, outputs: int) -> list[np.ndarray]:
 
 
 def compare(name: str, got: np.ndarray, wanted: np.ndarray, limit: float) -> bool:
-    """Print how well each part agrees; whether all are within the limit."""
+    """Print the error of each part; returns whether all are within the limit."""
     good = got.shape == wanted.shape
     for part, at in PARTS.items() if good else []:
         expected, difference = wanted[:, :, at], (got - wanted)[:, :, at]
@@ -51,21 +51,21 @@ def compare(name: str, got: np.ndarray, wanted: np.ndarray, limit: float) -> boo
 
 
 def check_file(name: str, inputs: int, outputs: int, maps: list[str]) -> bool:
-    """Compare all that a file holds, in each precision."""
+    """Compare everything in a file, in each precision."""
     x, *wanted = read(name, inputs, outputs)
     good = True
     # The maps give the blocks y, J and dJ; v is an input of the last.
-    asked = zip(maps, (0, 1, 3), ((x,), (x,), (x, *wanted[2:3])), strict=False)
-    for (which, block, given), (kind, limit) in itertools.product(asked, PRECISIONS.items()):
+    requests = zip(maps, (0, 1, 3), ((x,), (x,), (x, *wanted[2:3])), strict=False)
+    for (which, block, inputs_of), (kind, limit) in itertools.product(requests, PRECISIONS.items()):
         if block < len(wanted):
             label = f"{which} single" if kind is np.float32 else which
-            got = np.asarray(MAPS[which](*(part.astype(kind) for part in given)), dtype=float)
+            got = np.asarray(MAPS[which](*(part.astype(kind) for part in inputs_of)), dtype=float)
             good = compare(label, got, wanted[block], limit) and good
     return good
 
 
 def main() -> int:
-    """Compare everything; the exit code."""
+    """Compare everything; returns the exit code."""
     good = check_file("check_unloaded.csv", CONTROLS, 16, ["unloaded", "unloaded_jacobian"])
     good = check_file("check.csv", SIZE, 19, ["loaded", "jacobian", "second"]) and good
     print("all agree" if good else "some DISAGREE")

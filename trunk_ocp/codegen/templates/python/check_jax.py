@@ -1,4 +1,4 @@
-"""The maps of trunk_jax.py for check.py: in double precision, and as JAX comes."""
+"""The maps of trunk_jax.py for check.py, in double and single precision."""
 
 # <cut>
 # </cut>
@@ -12,10 +12,10 @@ PRECISIONS = {np.float64: 1e-10, np.float32: 1e-4}
 
 
 def in_precision(function):
-    """The function, jitted and for a batch, in the precision of what it is given."""
+    """The function, jitted and for a batch, in the precision of its inputs."""
 
     def call(*arrays):
-        # Not by jax.enable_x64, which JAX has since 0.8 only.
+        # Not jax.enable_x64, which only JAX 0.8 and later have.
         jax.config.update("jax_enable_x64", bool(arrays[0].dtype == np.float64))
         result = jax.jit(jax.vmap(function))(*arrays)
         assert result.dtype == arrays[0].dtype

@@ -14,7 +14,7 @@ PRECISIONS = {np.float64: 1e-10, np.float32: 1e-4}
 
 
 def of_batch(function):
-    """The function for a batch, of arrays, in the precision of what it is given."""
+    """The function for a batch, of arrays, in the precision of its inputs."""
 
     def call(*arrays):
         result = vmap(function)(*(torch.as_tensor(array) for array in arrays)).detach().numpy()

@@ -1,4 +1,4 @@
-"""Shape of a muscular trunk under load, and its exact derivatives, in NumPy alone.
+"""Shape of a muscular trunk under load, with exact derivatives, using only NumPy.
 
 <about>
 
@@ -7,15 +7,15 @@
     y, J = jacobian(x)              # (n, 19), (n, 19, x.size)
     split(y)["position"]            # (n, 3)
 
-`x` may have leading axes, as may everything else: many shapes at once are much faster than one
-after the other. A complex x gives complex results, so derivatives can be checked by complex steps.
+All arrays may have leading axes: many shapes in one call are much faster than one call each. A
+complex x gives complex results, so derivatives can be checked by complex steps.
 
 How it works. Along the trunk the orientation q (a quaternion), the internal moment M (in space
-axes) and the position r follow y' = rates(y, Z). They are collocated at the Gauss points of each
-element. Newton's method, in the form that solves for the new values and not for their change,
-needs a linear problem of this kind solved, `spread`. Derivatives of the shape obey linear problems
-with the same matrix, by the implicit function theorem. First come the numbers of this trunk, then
-the program, and last its kernels: rates and their slopes, written out as plain assignments.
+axes) and the position r follow y' = rates(y, Z), collocated at the Gauss points of each element.
+Each Newton step solves a linear problem of this kind for the new values (`spread`). By the implicit
+function theorem, derivatives of the shape solve linear problems with the same matrix. This file has
+the numbers of the trunk, then the program, then its kernels: rates and their slopes as plain
+assignments.
 """
 
 import numpy as np
@@ -43,18 +43,18 @@ from tables import (
 )
 
 # </cut>
-MOST_STEPS = 30  # of Newton's method
-TOLERANCE = 1e-9  # on its last step; the error after it is about its square
-SMALLEST_LOAD_STEP = 1e-4
-DEFECT = 1e-5  # largest | |q|^2 - 1 | of a shape that the elements resolve: 1e-6 of its length
-AT_ONCE = 128  # shapes, to bound memory
+MAX_STEPS = 30  # of Newton's method
+STEP_TOL = 1e-9  # size of the last step; the error after it is about its square
+MIN_LOAD_STEP = 1e-4
+MAX_DEFECT = 1e-5  # largest | |q|^2 - 1 | of a resolved shape: an error of 1e-6 of its length
+BATCH = 128  # shapes solved together, to bound memory
 Q, M, R = slice(0, 4), slice(4, 7), slice(7, 10)  # rows of a state
 
 
 class NoShape(ArithmeticError):  # noqa: N818
-    """No equilibrium was found; `index` says of which shape, `fraction` up to which load.
+    """No equilibrium was found: `index` of the shape, and `fraction` of the load that was reached.
 
-    With a fraction of 1 there is one, which bends too sharply for the elements of this export.
+    With a fraction of 1 there is one, but it bends too sharply for the elements of this export.
     """
 
     def __init__(self, index: tuple[int, ...], fraction: float) -> None:
@@ -65,17 +65,17 @@ class NoShape(ArithmeticError):  # noqa: N818
 
 
 def pack(activation: np.ndarray, head: np.ndarray = (0.0, 0.0), **loads: np.ndarray) -> np.ndarray:
-    """Vectors x (..., size) from their parts (..., their own size).
+    """Vectors x (..., size) from their parts (..., size of the part).
 
-    `head` in rad; loads that are not given have the values that the export was made with.
+    `head` is in rad; omitted loads have the values of the export.
     """
-    given = {"activation": activation, "head": head} | loads
-    unknown = given.keys() - INPUTS.keys()
+    values = {"activation": activation, "head": head} | loads
+    unknown = values.keys() - INPUTS.keys()
     if unknown:
         raise ValueError(f"{min(unknown)}: expected one of {', '.join(INPUTS)}.")
     parts = []
     for name, where in INPUTS.items():
-        part, size = np.asarray(given.get(name, DEFAULTS.get(name))), where.stop - where.start
+        part, size = np.asarray(values.get(name, DEFAULTS.get(name))), where.stop - where.start
         part = part[..., None] if size == 1 and part.shape[-1:] != (1,) else part
         if part.shape[-1:] != (size,):
             raise ValueError(f"{name}: expected {size} numbers, got shape {part.shape}.")
@@ -91,12 +91,12 @@ def split(y: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def loaded(x: np.ndarray) -> np.ndarray:
-    """Shapes y (..., n, 19) in equilibrium with their loads.
+    """Equilibrium shapes y (..., n, 19) under load.
 
     Raises
     ------
     ValueError
-        For a wrong length, numbers that are not finite, or a segment contracted to nothing.
+        If x has a wrong length or non-finite numbers, or shortens a segment to zero length.
     NoShape
         If no equilibrium is found.
     """
@@ -109,14 +109,14 @@ def jacobian(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _in_parts(function, *inputs):
-    """A function of (B, size) arrays for any leading axes, some shapes at a time."""
+    """Apply a function of (B, size) arrays to any leading axes, in batches."""
     inputs = np.broadcast_arrays(*(_checked(x) for x in inputs))
     batch, size = inputs[0].shape[:-1], inputs[0].shape[-1]
     flat = [x.reshape(-1, size) for x in inputs]
     results = []
-    for first in range(0, max(len(flat[0]), 1), AT_ONCE):
+    for first in range(0, max(len(flat[0]), 1), BATCH):
         try:
-            results.append(function(*(x[first : first + AT_ONCE] for x in flat)))
+            results.append(function(*(x[first : first + BATCH] for x in flat)))
         except NoShape as error:
             where = np.unravel_index(first + error.index[0], batch) if batch else ()
             raise NoShape(tuple(map(int, where)), error.fraction) from None
@@ -135,9 +135,9 @@ def _checked(x):
 
 
 def _known_part(strain, force, shape):
-    """What is linear in x: zeta_hat, c, mean extension, N, l = constant (11) + slopes (11, size).
+    """Quantities linear in x, zeta_hat, c, mean extension, N, l: constant (11), slopes (11, size).
 
-    strain (..., 4, muscles); force (..., 3) of mass, share of contact force, density of couple.
+    strain (..., 4, muscles); force (..., 3): mass, share of contact force, density of couple.
     """
     size = max(part.stop for part in INPUTS.values())
     slopes = np.zeros((*shape, 11, size))
@@ -153,19 +153,19 @@ def _known_part(strain, force, shape):
 
 CONSTANT, KNOWN = _known_part(STRAIN[SEGMENT][:, None], FORCE, SECTION.shape[:2])
 _, POINT_KNOWN = _known_part(STRAIN[SEGMENT[ENDS]], EDGE_FORCE[EDGE], (len(EDGE),))
-POINT_KNOWN = POINT_KNOWN[:, :8]  # a report does not need l
+POINT_KNOWN = POINT_KNOWN[:, :8]  # l does not enter a report
 
 
 def _solve(x):
     """States at the Gauss points (B, E, d, 7) and the edges (B, E + 1, 10) for x (B, size)."""
     if np.any((CONSTANT + np.einsum("edkx,bx->bedk", KNOWN, x))[..., 0].real <= 0):
-        raise ValueError("activation: contracts a segment to nothing.")
+        raise ValueError("activation: shortens a segment to zero length.")
     start = _unbent(x)
     inside, edges, converged = _newton(x, start)
     for i in np.flatnonzero(~converged):
         inside[i], edges[i] = _raise_load(x[i : i + 1], start[i : i + 1], i)
     defect = np.abs((inside[..., Q] ** 2).sum(axis=-1).real - 1).max(axis=(1, 2), initial=0.0)
-    for i in np.flatnonzero(~(defect <= DEFECT)):
+    for i in np.flatnonzero(~(defect <= MAX_DEFECT)):
         raise NoShape((int(i),), 1.0)
     return inside, edges
 
@@ -177,19 +177,19 @@ def _loads_times(x, fraction):
 
 
 def _unbent(x):
-    """Shapes without loads: the equations are linear then, and one step solves them."""
+    """Shapes without loads: M is zero, so the equations are linear and one step solves them."""
     none = np.zeros((len(x), *SECTION.shape[:2], 7), x.dtype)
     none[..., 0] = 1
     return _step(_loads_times(x, 0), none)[0]
 
 
 def _newton(x, inside):
-    """Newton's method on all shapes together: states, and which of them converged (B,)."""
+    """Newton's method on all shapes at once: states, and which of them converged (B,)."""
     B, E = inside.shape[:2]
     inside, edges = inside.copy(), np.zeros((B, E + 1, 10), x.dtype)
     active, converged = np.arange(B), np.zeros(B, bool)
-    with np.errstate(all="ignore"):  # a shape that diverges is dropped, not reported
-        for _ in range(MOST_STEPS):
+    with np.errstate(all="ignore"):  # shapes that diverge are dropped
+        for _ in range(MAX_STEPS):
             if not active.size:
                 break
             old = inside[active]
@@ -199,20 +199,20 @@ def _newton(x, inside):
             size = np.maximum(
                 change[..., Q].max(axis=(1, 2, 3)), change[..., M].max(axis=(1, 2, 3)) / moment
             )
-            converged[active[size < TOLERANCE]] = True
-            active = active[(size >= TOLERANCE) & (size < 1e6)]  # NaN drops out as well
+            converged[active[size < STEP_TOL]] = True
+            active = active[(size >= STEP_TOL) & (size < 1e6)]  # NaN drops out as well
     return inside, edges, converged
 
 
 def _raise_load(x, inside, index):
-    """One shape (1, ...), from the one without loads, the load raised in steps."""
+    """One shape (1, ...): raise the load in steps, starting from the shape without loads."""
     reached, ahead, edges = 0.0, 0.25, None
     while reached < 1:
         target = min(1.0, reached + ahead)
         trial, trial_edges, converged = _newton(_loads_times(x, target), inside)
         if converged[0]:
             reached, ahead, inside, edges = target, 2 * ahead, trial, trial_edges
-        elif ahead > SMALLEST_LOAD_STEP:
+        elif ahead > MIN_LOAD_STEP:
             ahead /= 2
         else:
             raise NoShape((int(index),), reached)
@@ -220,7 +220,7 @@ def _raise_load(x, inside, index):
 
 
 def _step(x, inside):
-    """One step of Newton's method: states that solve the equations linearized at `inside`."""
+    """One Newton step: states that solve the equations linearized at `inside`."""
     _, value, slopes = _rates(x, inside)
     start = _kernel(base_slopes, x[:, INPUTS["head"]], np.empty(0), (7,), (7, 2))[0]
     forcing = value - np.einsum("...ij,...j->...i", slopes[..., :7], inside)
@@ -229,14 +229,14 @@ def _step(x, inside):
 
 
 def _rates(x, inside):
-    """At the Gauss points: all that rates depend on, w (B, E, d, 18), the rates, their slopes."""
+    """At the Gauss points: inputs w (B, E, d, 18) of the rates, the rates, and their slopes."""
     known = CONSTANT + np.einsum("edkx,bx->bedk", KNOWN, x)
     w = np.concatenate([inside, known], axis=-1)
     return w, *_kernel(rates_slopes, w, SECTION, (10,), (10, 18))
 
 
 def _at_base(pose):
-    """State (B, 10, ...) at the base from q and r there (B, 7, ...); M is not known there."""
+    """State (B, 10, ...) at the base from q and r there (B, 7, ...); M there is unknown."""
     return np.concatenate([pose[:, :4], 0 * pose[:, :3], pose[:, 4:]], axis=1)
 
 
@@ -249,7 +249,7 @@ def spread(slopes, start, forcing):
     """
     B, E, d, _, K = forcing.shape
     hA = WIDTHS[:, None, None] * A
-    # Each element alone: how its states follow from q, M at its start (7 columns) and forcing (K).
+    # Condense each element: its states from q, M at its start (7 columns) and forcing (K).
     matrix = -hA[:, :, None, :, None] * slopes[..., :7, :].swapaxes(2, 3)[:, :, None]
     matrix[:, :, range(d), :, range(d)] += np.eye(7)
     right = np.empty((B, E, d, 7, 7 + K), matrix.dtype)
@@ -260,7 +260,7 @@ def spread(slopes, start, forcing):
     rate = slopes @ inside
     rate[..., 7:] += forcing
     change = np.einsum("ej,bejxk->bexk", WIDTHS[:, None] * WEIGHTS, rate)
-    # From base to tip with M(0) left open: 3 columns for it, then K.
+    # March from base to tip with M(0) unknown: 3 columns for it, then K.
     state = np.concatenate([np.zeros((B, 10, 3)), start], axis=-1)
     state[:, M, :3] = np.eye(3)
     states = [state]
@@ -275,18 +275,17 @@ def spread(slopes, start, forcing):
 
 
 def _solved(matrix, right):
-    """Solutions of linear equations (..., m, m), NaN for those whose matrix is singular."""
+    """Solutions of linear equations (..., m, m); NaN where the matrix is singular."""
     try:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
         if matrix.ndim == 2:
             return np.full_like(right, np.nan)
-        each = [_solved(*one) for one in zip(matrix, right, strict=True)]
-        return np.stack(each)
+        return np.stack([_solved(*pair) for pair in zip(matrix, right, strict=True)])
 
 
 def _point_states(x, edges):
-    """At the points Z: all that a report depends on, w (B, n, 15)."""
+    """At the points Z: inputs w (B, n, 15) of a report."""
     known = CONSTANT[:8] + np.einsum("nkx,bx->bnk", POINT_KNOWN, x)
     return np.concatenate([edges[:, EDGE, :7], known], axis=-1)
 
@@ -295,8 +294,8 @@ def _shape(x, solution):
     """Outputs y (B, n, 19)."""
     _, edges = solution
     w = _point_states(x, edges)
-    told = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[0]
-    return np.concatenate([edges[:, EDGE, R], told], axis=-1)
+    report = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[0]
+    return np.concatenate([edges[:, EDGE, R], report], axis=-1)
 
 
 def _jacobian(x):
@@ -306,15 +305,15 @@ def _jacobian(x):
 
 
 def _first(x, inside, edges):
-    """Derivatives by x of q, M inside (B, E, d, 7, size), of edges (B, E + 1, 10, size), of y."""
+    """Derivatives with respect to x: q, M inside (B, E, d, 7, size), edges, y; slopes first."""
     _, _, slopes = _rates(x, inside)
     start = np.zeros((len(x), 10, x.shape[1]), x.dtype)
     pose = _kernel(base_slopes, x[:, INPUTS["head"]], np.empty(0), (7,), (7, 2))[1]
     start[..., INPUTS["head"]] = _at_base(pose)
     d_inside, d_edges = spread(slopes[..., :7], start, slopes[..., 7:] @ KNOWN)
     w = _point_states(x, edges)
-    told = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[1]
-    J = told[..., :7] @ d_edges[:, EDGE, :7] + told[..., 7:] @ POINT_KNOWN
+    by_w = _kernel(report_slopes, w, EDGE_SECTION[EDGE], (16,), (16, 15))[1]
+    J = by_w[..., :7] @ d_edges[:, EDGE, :7] + by_w[..., 7:] @ POINT_KNOWN
     return slopes, d_inside, d_edges, np.concatenate([d_edges[:, EDGE, R], J], axis=-2)
 
 

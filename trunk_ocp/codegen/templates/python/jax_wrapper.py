@@ -3,11 +3,11 @@
     y = loaded(x)                   # (..., n, 19)
     y = unloaded(controls)          # (..., n, 16)
 
-x, y, MUSCLES, INPUTS, OUTPUTS, pack and split are those of trunk_numpy.py, beside this file.
+x, y, MUSCLES, INPUTS, OUTPUTS, pack and split are those of trunk_numpy.py in the same folder.
 
-The loaded shape is solved by NumPy in double precision, on the host, and comes back in the
-precision of x; its derivatives are exact, by the implicit function theorem. The unloaded shape is
-JAX itself: it compiles for any device and has derivatives of any order.
+NumPy solves for the loaded shape in double precision on the host; the result has the precision of
+x, and its derivatives are exact, by the implicit function theorem. The unloaded shape is pure JAX:
+it compiles for any device and has derivatives of any order.
 """
 
 import jax
@@ -22,11 +22,11 @@ Y = (len(Z), 19)
 
 
 def loaded(x: jax.Array) -> jax.Array:
-    """Shapes (..., n, 19) under load, of inputs (..., size).
+    """Shapes (..., n, 19) under load, for inputs (..., size).
 
-    Where no equilibrium is found, the error is trunk_numpy.NoShape, as XLA reports it. Second
-    derivatives need an export with --second, and forward mode last, as in jax.hessian(f) or the
-    product of a Hessian with v, jax.jvp(jax.grad(f), (x,), (v,)).
+    If no equilibrium is found, XLA reports trunk_numpy.NoShape. Second derivatives need an export
+    with --second, and forward mode outermost, as in jax.hessian(f) or the Hessian-vector product
+    jax.jvp(jax.grad(f), (x,), (v,)).
     """
     return _loaded(_of_size(x, SIZE, "x"))
 
@@ -45,14 +45,14 @@ def _of_size(x, size, name):
 
 
 def _call(function, shapes, *arguments):
-    """Results of a NumPy function of (..., size) arrays, which takes a whole batch in one call."""
+    """Results of a NumPy function of (..., size) arrays, a whole batch in one call."""
     dtype, batch = arguments[0].dtype, arguments[0].shape[:-1]
     results = [jax.ShapeDtypeStruct((*batch, *shape), dtype) for shape in shapes]
 
     def on_host(*arrays):
         with np.errstate(all="ignore"):
-            found = function(*(np.asarray(array, dtype=float) for array in arrays))
-        return [np.asarray(part, dtype=dtype) for part in found]
+            results = function(*(np.asarray(array, dtype=float) for array in arrays))
+        return [np.asarray(part, dtype=dtype) for part in results]
 
     return jax.pure_callback(on_host, results, *arguments, vmap_method="broadcast_all")
 

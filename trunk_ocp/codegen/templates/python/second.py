@@ -31,8 +31,8 @@ from tables import (
 def second(x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Derivative of the Jacobian along v: d/de J(x + e v) at e = 0, (..., n, 19, size).
 
-    x and v are (..., size). As second derivatives are symmetric, this is also the product of the
-    second derivatives with v. Errors as `loaded`.
+    x and v are (..., size). By symmetry this is also the product of the second derivatives with v.
+    Raises the errors of `loaded`.
     """
     return _in_parts(lambda x, v: (_second(x, v),), x, v)[0]
 
@@ -41,7 +41,7 @@ def _second(x, v):
     inside, edges = _solve(x)
     slopes, d_inside, d_edges, _ = _first(x, inside, edges)
     w, _, _ = _rates(x, inside)
-    # First changes of all that the rates depend on: column by column of x, and along v.
+    # First derivatives of the inputs of the rates, with respect to x and along v.
     columns = _with_known(d_inside, KNOWN)
     forcing = _twice(rates_second, w, SECTION, columns, v, 10)
     start = np.zeros((len(x), 10, x.shape[1]), forcing.dtype)
@@ -51,9 +51,9 @@ def _second(x, v):
     _, d2_edges = spread(slopes[..., :7], start, forcing)
     w, p = _point_states(x, edges), EDGE_SECTION[EDGE]
     columns = _with_known(d_edges[:, EDGE, :7], POINT_KNOWN)
-    told = _kernel(report_slopes, w, p, (16,), (16, 15))[1][..., :7] @ d2_edges[:, EDGE, :7]
-    told = told + _twice(report_second, w, p, columns, v, 16)
-    return np.concatenate([d2_edges[:, EDGE, 7:], told], axis=-2)
+    second = _kernel(report_slopes, w, p, (16,), (16, 15))[1][..., :7] @ d2_edges[:, EDGE, :7]
+    second = second + _twice(report_second, w, p, columns, v, 16)
+    return np.concatenate([d2_edges[:, EDGE, 7:], second], axis=-2)
 
 
 def _with_known(states, known):

@@ -1,4 +1,4 @@
-"""What a generated module has of its own: numbers and kernels, listed for those who read or lint.
+"""Numbers and kernels of a generated module, declared here for readers and linters.
 
 The arrays are those of `trunk_ocp.codegen.shape_model.Tables`, in capitals; the kernels are
 `trunk_ocp.codegen.rod_space_axes` in Python, `kernel(w, p, value, slopes, xp)`.

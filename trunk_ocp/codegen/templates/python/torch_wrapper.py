@@ -3,12 +3,12 @@
     y = loaded(x)                   # (..., n, 19)
     y = unloaded(controls)          # (..., n, 16)
 
-x, y, MUSCLES, INPUTS, OUTPUTS, pack and split are those of trunk_numpy.py, beside this file;
-pack and split are for NumPy arrays.
+x, y, MUSCLES, INPUTS, OUTPUTS, pack and split are those of trunk_numpy.py in the same folder; pack
+and split are for NumPy arrays.
 
-The loaded shape is solved by NumPy in double precision, on the CPU, and comes back in the precision
-and on the device of x; its derivatives are exact, by the implicit function theorem. The unloaded
-shape is PyTorch itself and has derivatives of any order.
+NumPy solves for the loaded shape in double precision on the CPU; the result has the precision and
+device of x, and its derivatives are exact, by the implicit function theorem. The unloaded shape is
+pure PyTorch and has derivatives of any order.
 """
 
 import torch
@@ -20,9 +20,9 @@ SIZE = max(part.stop for part in INPUTS.values())
 
 
 def loaded(x: torch.Tensor) -> torch.Tensor:
-    """Shapes (..., n, 19) under load, of inputs (..., size).
+    """Shapes (..., n, 19) under load, for inputs (..., size).
 
-    Raises trunk_numpy.NoShape where no equilibrium is found. Second derivatives, forward or by
+    Raises trunk_numpy.NoShape if no equilibrium is found. Second derivatives, forward or by
     double backward, need an export with --second.
     """
     return _Loaded.apply(_of_size(x, SIZE, "x"))[0]
@@ -31,7 +31,7 @@ def loaded(x: torch.Tensor) -> torch.Tensor:
 def unloaded(controls: torch.Tensor) -> torch.Tensor:
     """Unloaded shapes (..., n, 16) of activations and head angles (..., muscles + 2)."""
     controls = _of_size(controls, INPUTS["head"].stop, "controls")
-    # With an axis more: torch.func turns tensors without axes to double precision here and there.
+    # The extra axis: some torch.func transforms turn tensors without axes to double precision.
     with torch.device(controls.device):
         return trunk_numpy.unloaded_in(torch, controls[None], slopes=False)[0][0]
 
@@ -46,7 +46,7 @@ def _of_size(x, size, name):
 
 
 class _Batched(torch.autograd.Function):
-    """A function of arrays with leading axes: under vmap it gets the whole batch at once."""
+    """A function of arrays with leading axes; vmap passes it the whole batch at once."""
 
     @classmethod
     def batched(cls, info, in_dims, *tensors):
@@ -62,9 +62,9 @@ class _Batched(torch.autograd.Function):
 def _numpy(function, *tensors):
     """Results of a NumPy function, in the precision and on the device of the first tensor."""
     like = tensors[0]
-    found = function(*(t.detach().cpu().numpy().astype(float) for t in tensors))
-    found = found if isinstance(found, tuple) else (found,)
-    return tuple(torch.as_tensor(part, dtype=like.dtype, device=like.device) for part in found)
+    results = function(*(t.detach().cpu().numpy().astype(float) for t in tensors))
+    results = results if isinstance(results, tuple) else (results,)
+    return tuple(torch.as_tensor(part, dtype=like.dtype, device=like.device) for part in results)
 
 
 def _pushed(J, v):
@@ -78,7 +78,7 @@ def _pulled(weights, J):
 
 
 class _Loaded(_Batched):
-    """x -> y, J, of which J is told of as a constant: `_Pull` and `_Push` know its derivatives."""
+    """x -> y, J. J is marked as a constant: `_Pull` and `_Push` have its derivatives."""
 
     @staticmethod
     def forward(x):
@@ -167,7 +167,7 @@ class _Push(_Batched):
 
 
 class _Second(_Batched):
-    """x, v -> derivative of J(x) along v; as second derivatives are symmetric, also d(J v)/dx."""
+    """x, v -> derivative of J(x) along v; by symmetry also d(J v)/dx."""
 
     @staticmethod
     def forward(x, v):

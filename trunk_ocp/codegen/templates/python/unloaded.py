@@ -1,4 +1,4 @@
-"""The unloaded shape in closed form, by functions that NumPy, JAX and PyTorch all have."""
+"""The unloaded shape in closed form, using only functions that NumPy, JAX and PyTorch share."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def unloaded(controls: np.ndarray) -> np.ndarray:
 
 
 def unloaded_jacobian(controls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unloaded shapes (..., n, 16) and their derivatives by the controls (..., n, 16, controls)."""
+    """Unloaded shapes (..., n, 16) and their derivatives (..., n, 16, controls)."""
     return unloaded_in(np, _checked_controls(controls))
 
 
@@ -42,8 +42,8 @@ def _checked_controls(controls):
 def unloaded_in(xp, controls, slopes: bool = True):
     """Unloaded shapes and their derivatives, with the functions of an array library xp.
 
-    The trunk is a chain of pieces. Each turns the directors, D_b = T D_a (rows d_i), and moves
-    on, r_b = r_a + rho D_a, both known in closed form from its segment's strains.
+    The trunk is a chain of pieces. Each rotates the directors, D_b = T D_a (rows d_i), and advances
+    the centerline, r_b = r_a + rho D_a, both in closed form from its segment's strains.
     """
     like = lambda table: xp.asarray(table, dtype=controls.dtype)
     activation, head = controls[..., INPUTS["activation"]], controls[..., INPUTS["head"]]
@@ -74,10 +74,10 @@ def unloaded_in(xp, controls, slopes: bool = True):
 
 
 def _motions(xp, pose, turn, rho, D, r):
-    """How strains and head move all that lies beyond: as a rigid body, by an angle and a shift.
+    """Rigid-body motion, angle and shift, of everything beyond due to each strain and head angle.
 
     Both (..., 3, 4 pieces + 2): strain 0 of all pieces, strain 1 of all, ..., head. The shift is
-    that of the body's point at the origin, so that a point at r moves by shift + angle x r.
+    that of the origin, so that a point at r moves by shift + angle x r.
     """
     before = xp.stack(D[:-1], axis=-3)
     end = xp.stack([place[..., 0, :] for place in r[1:]], axis=-2)[..., None, :]
@@ -102,7 +102,7 @@ def _rows_before_points():
 
 
 def _rows(xp, rows):
-    """Rows of equal arrays (...) as one array (..., rows, columns)."""
+    """Rows of arrays of equal shape (...) as one array (..., rows, columns)."""
     return xp.stack([xp.stack(list(row), axis=-1) for row in rows], axis=-2)
 
 
@@ -126,7 +126,7 @@ def _directors(q):
 
 
 def _angle(q, d):
-    """Angle of the turn by which a quaternion q changes when it changes by d: 2 d o conj(q)."""
+    """Rotation vector of the change d of a quaternion q: 2 d o conj(q)."""
     w, x, y, z = q[:4]
     return (
         2 * (d[1] * w - d[0] * x - d[2] * z + d[3] * y),
