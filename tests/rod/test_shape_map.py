@@ -157,7 +157,7 @@ def test_a_newton_iteration_that_ends_in_nan_has_not_converged(trunk, spoilt):
 
 @pytest.mark.parametrize("steps", [3, 4, 5, 6])
 def test_the_defect_estimates_the_error(trunk, draw, monkeypatch, steps):
-    monkeypatch.setattr(shape_map, "DEFECT", np.inf)  # as the steps give it, never refined
+    monkeypatch.setattr(shape_map, "MAX_DEFECT", np.inf)  # as the steps give it, never refined
     ratios = []
     for load in LOADS.values():
         activation, psi = draw(trunk, 100, seed=110), heads(100, 111)
@@ -187,7 +187,7 @@ def test_shapes_that_the_steps_do_not_resolve_are_solved_with_more(
     fine = ShapeMap(trunk, load, at=coarse.Z, steps=24)(activation, psi)
     # Of few steps, those that pass are the least accurate ones: see PointShapes.defect.
     assert distance(shapes.position, at_points(fine, coarse.Z).position) < 1e-5
-    monkeypatch.setattr(shape_map, "HALVINGS", 0)
+    monkeypatch.setattr(shape_map, "MAX_HALVINGS", 0)
     with pytest.raises(StaticsError, match=r"bends too sharply") as caught:
         ShapeMap(trunk, load, steps=steps)(activation, psi)
     assert caught.value.load_fraction == 1
@@ -482,8 +482,8 @@ def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):
 
 def test_the_error_names_the_shape_of_the_batch_that_fails(trunk, draw, monkeypatch):
     # Without loads the trunk at rest is straight, which any steps resolve; the other is not.
-    monkeypatch.setattr(shape_map, "HALVINGS", 1)
-    monkeypatch.setattr(shape_map, "DEFECT", 1e-14)
+    monkeypatch.setattr(shape_map, "MAX_HALVINGS", 1)
+    monkeypatch.setattr(shape_map, "MAX_DEFECT", 1e-14)
     activation = np.stack([REST, REST, draw(trunk, 1, seed=133)[0], REST])
     with pytest.raises(StaticsError, match=r"shape 3 of 4"):
         ShapeMap(trunk, Loads(0.0), steps=3)(activation)
@@ -574,7 +574,7 @@ def test_a_compressed_shape_is_refused():
     trunk = thin_tipped(0.0, 0.1, 0.0)
     area, passive = math.pi * trunk.base_radius**2 * trunk.youngs_modulus, np.zeros(2)
     load = Loads(0.0, (0.0, 0.0, -1.6 * area))  # would leave -0.6 of the length
-    with pytest.raises(StaticsError, match="squeezed to nothing") as caught:
+    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
         ShapeMap(trunk, load)(passive)
     assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
     assert not ShapeMap(trunk, load, strict=False)(passive).found

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from .anatomy import Muscle, Trunk
+from .anatomy import Muscle, Trunk, unknown_architecture
 
 # Gauss-Legendre rule for the radial integrals. Their integrands are smooth, with poles at
 # R = i R_2 / tan(helix) only: 64 nodes reach round-off for helices up to 89 degrees, and
@@ -35,6 +35,8 @@ def radial_integrals(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]
     cos_taper = 1 / np.hypot(1, trunk.taper_rate * R)  # tan(phi) = k R, eq. (27)
     if muscle.architecture == "radial":
         D_Z, D_Theta = np.zeros_like(R), np.zeros_like(R)  # eq. (19) undoes the taper
+    elif muscle.architecture not in ("longitudinal", "helical"):
+        raise unknown_architecture(muscle)
     else:
         tan_helix = math.tan(muscle.helix) * R / outer  # eq. (21); zero if longitudinal
         cos_helix = 1 / np.hypot(1, tan_helix)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -220,6 +220,14 @@ class Trunk:
         given = np.asarray(Z, dtype=float)
         within = np.clip(given, 0.0, self.length)
         return np.where(np.abs(given - within) <= ROUND_OFF * self.length, within, given)
+
+
+def unknown_architecture(muscle: Muscle) -> InputError:
+    """The error of code that meets a muscle of an architecture it has no equations for."""
+    return InputError(
+        f"muscle {muscle.name}: architecture = {muscle.architecture!r}: expected "
+        f"{', '.join(get_args(Architecture)[:-1])} or {get_args(Architecture)[-1]}."
+    )
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from .anatomy import Head
-from .quaternions import Scalar, about_y, about_z, directors, product
+from .quaternions import COMPLEX_STEP, Scalar, about_y, about_z, directors, product
 
 
 def base_pose(
@@ -25,3 +27,15 @@ def base_pose(
         r * (s[2] - s_default[2]),
     )
     return position, product(turn, product(about_z(head.xi_z), about_y(head.xi_d)))
+
+
+def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of r_0 (..., 3, 2) and q_0 (..., 4, 2) by head angles (..., 2) in radians.
+
+    By complex step, which has no truncation error and no cancellation: the pose is analytic.
+    """
+    varied = angles[..., None] + 1j * COMPLEX_STEP * np.eye(2)
+    r, q = base_pose(head, varied[..., 0, :], varied[..., 1, :])
+    return np.imag(np.stack(r, axis=-2)) / COMPLEX_STEP, np.imag(
+        np.stack(q, axis=-2)
+    ) / COMPLEX_STEP

@@ -11,6 +11,8 @@ from ..model.activation import strains
 from ..model.anatomy import Trunk, check_activation
 from ..model.loads import Loads
 from .collocation import Mesh
+from .point_shapes import PointShapes
+from .shape import points_on
 
 
 def check_controls(
@@ -74,3 +76,43 @@ def check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
             f"mesh: expected edges from 0 to {trunk.length:g} m, with one at every segment end and "
             "start of contact; mesh_for makes such a mesh."
         )
+
+
+def check_map_arguments(
+    trunk: Trunk, loads: Loads, at: Sequence[float], steps: int, threads: int
+) -> None:
+    """Raise InputError for invalid arguments of a `ShapeMap`."""
+    for name, value, kind in (("trunk", trunk, Trunk), ("loads", loads, Loads)):
+        if not isinstance(value, kind):
+            raise InputError(f"{name}: expected one {kind.__name__}, got {type(value).__name__}.")
+    for name, number in (("steps", steps), ("threads", threads)):
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
+    points = np.asarray(at, dtype=float)
+    if points.ndim != 1:
+        raise InputError(f"at = {at!r}: expected a list of points Z in m.")
+    points_on(trunk, points)
+
+
+def check_points(Z: np.ndarray, shapes: PointShapes) -> None:
+    """Raise InputError unless shapes are at the points Z of a map."""
+    if not isinstance(shapes, PointShapes):
+        raise InputError(
+            f"shapes: expected PointShapes of a ShapeMap, got {type(shapes).__name__}."
+        )
+    if not np.array_equal(shapes.Z, Z):
+        raise InputError(
+            f"shapes: expected shapes at this map's {Z.size} points, got {shapes.Z.size} "
+            "points of another map."
+        )
+
+
+def check_start(shapes: PointShapes, batch: tuple[int, ...]) -> None:
+    """Raise InputError unless there is a start for each shape of a batch."""
+    axes = shapes.path.shape[:-2]
+    try:
+        matches = np.broadcast_shapes(axes, batch) == batch
+    except ValueError:
+        matches = False
+    if not matches:
+        raise InputError(f"start: expected shapes with leading axes {batch}, got {axes}.")

@@ -15,10 +15,9 @@ import numpy as np
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError
 from ..model.activation import mean_extension, segment_at, segment_fractions, strain_matrix
-from ..model.anatomy import Head
-from ..model.head import base_pose
+from ..model.head import base_slopes
 from ..model.loads import Loads
-from ..model.quaternions import directors
+from ..model.quaternions import tangent_slope
 from .arguments import check_controls
 from .collocation import gauss
 from .condensed import condense
@@ -120,22 +119,3 @@ def _strain_slopes(shape: Shape) -> np.ndarray:
     slopes[:, :4, :-2] = A[segment_at(shape.trunk, shape.mesh.points[:, 0])]
     slopes[:, 4, :-2] = segment_fractions(shape.trunk) @ A[:, 0]
     return slopes
-
-
-def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of r_0 (..., 3, 2) and q_0 (..., 4, 2) by head angles (..., 2): exact.
-
-    By complex step, as the pose is analytic in the angles.
-    """
-    step = 1e-30
-    varied = angles[..., None] + 1j * step * np.eye(2)
-    r, q = base_pose(head, varied[..., 0, :], varied[..., 1, :])
-    return np.imag(np.stack(r, axis=-2)) / step, np.imag(np.stack(q, axis=-2)) / step
-
-
-def tangent_slope(q: np.ndarray) -> np.ndarray:
-    """Derivative (..., 3, 4) of d_3 by a unit quaternion (..., 4)."""
-    step = 1e-30
-    varied = q[..., None] + 1j * step * np.eye(4)
-    d3 = directors(tuple(np.moveaxis(varied, -2, 0)))[2]
-    return np.imag(np.stack(d3, axis=-2)) / step
