@@ -18,6 +18,7 @@ from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod import shape_map
 from trunk_ocp.rod import shooting_kernels as shooting
 from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.controls import Controls
 from trunk_ocp.rod.equations import rates
 from trunk_ocp.rod.shape_map import PointShapes, ShapeMap
 from trunk_ocp.rod.statics import solve_statics
@@ -123,7 +124,7 @@ def test_wherever_statics_finds_a_shape_there_is_one(trunk, draw):
 
 def test_by_weight_alone_newton_converges_from_the_unloaded_shape(trunk, draw):
     solve, activation, psi = ShapeMap(trunk), draw(trunk, 300, seed=108), heads(300, 109)
-    controls = solve._controls(activation, psi)
+    controls = Controls.of(trunk, activation, psi, strict=True)
     paths, reached = solve._unloaded(controls), np.empty(300)
     nowhere = np.full_like(paths, np.nan)  # from which no load can be raised
     shooting.loaded_paths(

@@ -36,6 +36,5 @@ def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     """
     varied = angles[..., None] + 1j * COMPLEX_STEP * np.eye(2)
     r, q = base_pose(head, varied[..., 0, :], varied[..., 1, :])
-    return np.imag(np.stack(r, axis=-2)) / COMPLEX_STEP, np.imag(
-        np.stack(q, axis=-2)
-    ) / COMPLEX_STEP
+    r_slope, q_slope = (np.imag(np.stack(part, axis=-2)) / COMPLEX_STEP for part in (r, q))
+    return r_slope, q_slope

@@ -1,6 +1,6 @@
-"""How the tip of a loaded trunk follows its muscles and head: exact derivatives of statics.
+"""Derivatives of the tip of a loaded trunk by its muscles and head angles.
 
-The collocation equations of `statics`, differentiated by activations and head angles (implicit
+The collocation equations of `statics` are differentiated by activations and head angles (implicit
 function theorem) and solved with the same condensed elements: one linear solve, exact for the
 collocated trunk.
 """
