@@ -138,7 +138,7 @@ def test_by_weight_alone_newton_converges_from_the_unloaded_shape(trunk, draw):
 @pytest.mark.parametrize("spoilt", ["start", "load"])
 def test_a_newton_iteration_that_ends_in_nan_has_not_converged(trunk, spoilt):
     solve = ShapeMap(trunk)
-    controls = solve._controls(REST, (0.0, 0.0))
+    controls = Controls.of(trunk, REST, (0.0, 0.0), strict=True)
     unloaded, points, reached = solve._unloaded(controls), solve._points.copy(), np.empty(1)
     paths = unloaded.copy()
     if spoilt == "start":

@@ -1,4 +1,4 @@
-"""Where the head holds the base of the trunk (eqs. 35-39); for numbers and CasADi symbols."""
+"""Pose of the trunk's base for given head angles (eqs. 35-39), for numbers and CasADi symbols."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ def base_pose(
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Scalar, Scalar, Scalar, Scalar]]:
     """Base position r_0 in m and orientation quaternion at head angles psi in radians.
 
-    The base moves on a sphere about S (eq. 35) with the head's rotation, which carries the
-    clamping directions along (eqs. 38, 39). With psi = 0 it is at r_D = 0.
+    The head's rotation moves the base on a sphere about S (eq. 35) and turns the clamping
+    directions with it (eqs. 38, 39). With psi = 0 the base is at r_D = 0.
     """
     turn = product(about_z(psi_z), about_y(psi_y))
     rest = product(about_z(head.xi_z), about_y(head.xi_y))

@@ -1,6 +1,6 @@
-"""Unit quaternions for the director frame; plain algebra, for numbers and CasADi symbols alike.
+"""Unit quaternions for the director frame, for numbers and CasADi symbols.
 
-A quaternion is a sequence (q0, q1, q2, q3), scalar first, of scalars or equal arrays; it
+A quaternion is a sequence (q0, q1, q2, q3), scalar first, of scalars or arrays of one shape. It
 maps the space axes to the directors, d_i = R(q) e_i.
 """
 
