@@ -149,5 +149,7 @@ def test_a_muscle_of_an_unknown_architecture_is_refused(trunk):
     """It must not be computed as a longitudinal one."""
     twisted = replace(trunk.subdomains[0], architecture="twisted")
     other = replace(trunk, subdomains=(twisted, *trunk.subdomains[1:]))
-    with pytest.raises(InputError, match=r"R1-dl: architecture = 'twisted'.*helical or radial"):
+    with pytest.raises(
+        InputError, match=r"R1-dl: architecture = 'twisted'.*one of longitudinal, helical"
+    ):
         strain_matrix(other)

@@ -17,8 +17,8 @@ from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod import shape_map
 from trunk_ocp.rod import shooting_kernels as shooting
+from trunk_ocp.rod.arguments import Controls
 from trunk_ocp.rod.collocation import mesh_for
-from trunk_ocp.rod.controls import Controls
 from trunk_ocp.rod.equations import rates
 from trunk_ocp.rod.shape_map import PointShapes, ShapeMap
 from trunk_ocp.rod.statics import solve_statics
@@ -512,7 +512,7 @@ def test_a_map_that_is_not_strict_leaves_out_what_it_does_not_find(trunk):
 def test_without_numba_the_error_says_what_to_install(trunk, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_ocp.rod.shooting_kernels")
-    monkeypatch.delattr(trunk_ocp, "shooting")
+    monkeypatch.delattr(trunk_ocp.rod, "shooting_kernels")
     with pytest.raises(TrunkError, match=r"needs numba.*pip install trunk_ocp\[fast\]"):
         ShapeMap(trunk)
 

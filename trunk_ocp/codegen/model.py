@@ -15,12 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..model.activation import (
-    segment_at,
-    segment_fractions,
-    stiffness,
-    strain_matrix,
-)
+from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, contact_share, couple_density, mass_beyond, vector
 from ..rod.collocation import Mesh, gauss, mesh_for

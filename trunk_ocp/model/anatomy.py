@@ -224,10 +224,9 @@ class Trunk:
 
 def unknown_architecture(muscle: Muscle) -> InputError:
     """The error of code that meets a muscle of an architecture it has no equations for."""
-    return InputError(
-        f"muscle {muscle.name}: architecture = {muscle.architecture!r}: expected "
-        f"{', '.join(get_args(Architecture)[:-1])} or {get_args(Architecture)[-1]}."
-    )
+    names = ", ".join(get_args(Architecture))
+    stated = f"muscle {muscle.name}: architecture = {muscle.architecture!r}"
+    return InputError(f"{stated}: expected one of {names}.")
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:

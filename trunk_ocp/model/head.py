@@ -21,12 +21,8 @@ def base_pose(
     s = directors(product(turn, rest))[2]  # eq. (37)
     s_default = directors(rest)[2]  # eq. (36)
     r = head.pivot_radius
-    position = (
-        r * (s[0] - s_default[0]),
-        r * (s[1] - s_default[1]),
-        r * (s[2] - s_default[2]),
-    )
-    return position, product(turn, product(about_z(head.xi_z), about_y(head.xi_d)))
+    x, y, z = (r * (a - b) for a, b in zip(s, s_default, strict=True))
+    return (x, y, z), product(turn, product(about_z(head.xi_z), about_y(head.xi_d)))
 
 
 def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,19 +18,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import StaticsError, TrunkError
-from ..model.activation import (
-    segment_at,
-    segment_fractions,
-    stiffness,
-    strain_matrix,
-)
+from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
 from ..model.head import base_pose, base_slopes
 from ..model.loads import Loads
 from ..model.quaternions import tangent_slope
-from .arguments import check_map_arguments, check_points, check_start
+from .arguments import Controls, check_map_arguments, check_points, check_start
 from .collocation import mesh_for
-from .controls import Controls
 from .equations import COUPLE, FORCE, MOMENT, ORIENTATION, POSITION, RATES, point_parameters
 from .point_shapes import PointShapes
 from .shape import points_on
@@ -218,9 +212,9 @@ class ShapeMap:
             paths[:, 0, i] = value
         k = float(self.trunk.taper_rate)
 
-        def work(some: slice) -> None:
+        def work(part: slice) -> None:
             self._kernels.unloaded_paths(
-                paths[some], controls.strain[some], self._segment, self.Z, self._taper, k
+                paths[part], controls.strain[part], self._segment, self.Z, self._taper, k
             )
 
         self._share(work, len(paths))
@@ -235,18 +229,9 @@ class ShapeMap:
         """
         reached = np.empty(len(paths))
 
-        def work(some: slice) -> None:
-            self._kernels.loaded_paths(
-                paths[some],
-                unloaded[some],
-                controls.mean[some],
-                self._points,
-                self._widths,
-                controls.strain[some],
-                self._segment,
-                self._floor,
-                reached[some],
-            )
+        def work(part: slice) -> None:
+            rods, start, share = self._rods(controls[part]), unloaded[part], reached[part]
+            self._kernels.loaded_paths(paths[part], start, *rods, self._floor, share)
 
         self._share(work, len(paths))
         found = (reached == 1) | controls.collapsed
@@ -267,21 +252,21 @@ class ShapeMap:
             self._finer._solve(controls[again], fine, base, number[again])
             paths[again] = fine[:, ::2]
 
+    def _rods(self, controls: Controls) -> tuple[np.ndarray, ...]:
+        """Arguments that kernels for loaded rods share."""
+        return controls.mean, self._points, self._widths, controls.strain, self._segment
+
     def _not_found(self, index: int, controls: Controls, reached: float) -> StaticsError:
         count = math.prod(controls.batch)
         which = f"shape {index + 1} of {count}: " if count > 1 else ""
-        if reached < 1:
-            return StaticsError(
-                f"{which}no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk "
-                "may bend too sharply, coil, buckle or be compressed to nothing. Reduce the load "
-                "or the activation.",
-                reached,
-            )
-        return StaticsError(
-            f"{which}the shape bends too sharply for {self._widths.size} steps; reduce the load, "
-            "or use more steps.",
-            reached,
+        message = (
+            f"no equilibrium found beyond {100 * reached:.1f} % of the load; the trunk may bend "
+            "too sharply, coil, buckle or be compressed to nothing. Reduce the load or activation."
+            if reached < 1
+            else f"the shape bends too sharply for {self._widths.size} steps; reduce the load, or "
+            "use more steps."
         )
+        return StaticsError(which + message, reached)
 
     def _slopes(self, controls: Controls, paths: np.ndarray) -> np.ndarray:
         """Derivatives (B, n, 6, muscles + 2) of r and d_3."""
@@ -291,18 +276,9 @@ class ShapeMap:
         base[..., ORIENTATION], base[..., POSITION] = q0.swapaxes(-1, -2), r0.swapaxes(-1, -2)
         T, gap = np.empty((B, 2 + S, n, 4, RATES)), np.empty(B)
 
-        def work(some: slice) -> None:
-            self._kernels.tangent_paths(
-                paths[some],
-                controls.mean[some],
-                self._points,
-                self._widths,
-                controls.strain[some],
-                self._segment,
-                base[some],
-                T[some],
-                gap[some],
-            )
+        def work(part: slice) -> None:
+            rods = self._rods(controls[part])
+            self._kernels.tangent_paths(paths[part], *rods, base[part], T[part], gap[part])
 
         self._share(work, B)
         columns = T.transpose(0, 2, 4, 1, 3).reshape(B, n, RATES, 4 * (2 + S))
