@@ -128,7 +128,7 @@ def test_torsion_is_that_of_the_unloaded_centerline(trunk, draw):
             )
 
 
-def test_a_straight_trunk_has_no_torsion_to_speak_of(trunk):
+def test_the_torsion_of_a_straight_trunk_is_undefined(trunk):
     assert np.isnan(torsion(trunk, np.zeros(28), np.array([0.1, 1.7]))).all()
 
 

@@ -1,4 +1,4 @@
-"""What can be asked of a shape: strains, stacks of shapes, other meshes."""
+"""Sampling of shapes: strains, stacks of shapes, other meshes."""
 
 import numpy as np
 import pytest

@@ -83,7 +83,6 @@ def compressed(rods: RodBatch, states: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         (rate,) = evaluate(rates(), states[..., 1:, :], *rods.arguments)
         zeta = extension(states[..., 1:, ORIENTATION], rate[..., POSITION])
-        ends = np.einsum(
-            "ij,bkj->bki", gauss(rods.mesh.degree).from_nodes(np.array([0.0, 1.0])), zeta
-        )
+        to_ends = gauss(rods.mesh.degree).from_nodes(np.array([0.0, 1.0]))
+        ends = np.einsum("ij,bkj->bki", to_ends, zeta)
     return np.asarray(np.any(zeta <= 0, axis=(1, 2)) | np.any(ends <= 0, axis=(1, 2)))

@@ -288,7 +288,7 @@ class ShapeMap:
         total = others - by_moment @ at_tip[:, None]
         d3 = tangent_slope(paths[..., ORIENTATION]) @ total[..., ORIENTATION, :]
         slopes: np.ndarray = np.concatenate([total[..., POSITION, :], d3], -2) @ self._by_controls
-        # Solved shapes may be given for other steps, or have been found with finer ones.
+        # Shapes that were solved with halved steps do not fit these: their slopes need those, too.
         bad = np.flatnonzero(gap > 10 * MAX_DEFECT)
         if bad.size and self._halvings:
             activation, head = controls.activation[bad], controls.head[bad]
