@@ -1,12 +1,14 @@
 """The strain map: symmetry, rank and volume, and the signs and rankings of the paper."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev
 from scipy.integrate import quad
 
+from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import (
     intrinsic_strain,
     mean_extension,
@@ -126,7 +128,7 @@ def test_torsion_is_that_of_the_unloaded_centerline(trunk, draw):
             )
 
 
-def test_a_straight_trunk_has_no_torsion_to_speak_of(trunk):
+def test_the_torsion_of_a_straight_trunk_is_undefined(trunk):
     assert np.isnan(torsion(trunk, np.zeros(28), np.array([0.1, 1.7]))).all()
 
 
@@ -141,3 +143,13 @@ def test_stiffness_is_eq_7_on_the_initial_radius(trunk):
 def test_a_boundary_belongs_to_the_segment_it_ends(trunk):
     Z = [0.0, 0.875, 0.876, trunk.edges[2], 1.5, 1.75]
     assert segment_at(trunk, Z).tolist() == [0, 0, 1, 1, 2, 2]
+
+
+def test_a_muscle_of_an_unknown_architecture_is_refused(trunk):
+    """It must not be computed as a longitudinal one."""
+    twisted = replace(trunk.subdomains[0], architecture="twisted")
+    other = replace(trunk, subdomains=(twisted, *trunk.subdomains[1:]))
+    with pytest.raises(
+        InputError, match=r"R1-dl: architecture = 'twisted'.*one of longitudinal, helical"
+    ):
+        strain_matrix(other)

@@ -147,7 +147,11 @@ FAULTS = {
     ),
     "unknown side": ("[0.0, 1.5]", '[0.0, 1.5], sides = ["X"]', ("sides", "'X'", "'R'")),
     "side named twice": ("[0.0, 1.5]", '[0.0, 1.5], sides = ["R", "R"]', ("sides", "twice")),
-    "taper too large": ("taper_deg = 2.0", "taper_deg = 6.0", ("taper_deg", "ends before")),
+    "taper too large": (
+        "taper_deg = 2.0",
+        "taper_deg = 6.0",
+        ("taper_deg", "reaches 0 before the tip"),
+    ),
     "negative taper": ("taper_deg = 2.0", "taper_deg = -1.0", ("taper_deg", "-1.0", "0")),
     "not TOML": ('name = "rod"', "name = ", ("not valid TOML",)),
 }

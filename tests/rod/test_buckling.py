@@ -384,7 +384,7 @@ def test_long_meshes_are_judged_as_by_one_matrix(trunk, draw, monkeypatch):
     mesh = mesh_for(trunk, 1.4, elements=14)
     shape = solve_statics(trunk, activation, loads=loads, mesh=mesh)
     chained = stability(shape, activation, loads)
-    monkeypatch.setattr(sys.modules["trunk_ocp.rod.buckling"], "MOST_DENSE", 10**6)
+    monkeypatch.setattr(sys.modules["trunk_ocp.rod.buckling"], "MAX_DENSE_UNKNOWNS", 10**6)
     whole = stability(shape, activation, loads)
     assert 0 < np.count_nonzero(whole.index) < 8
     np.testing.assert_allclose(chained.margin, whole.margin, rtol=1e-8, atol=1e-8)

@@ -17,6 +17,7 @@ from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod import shape_map
 from trunk_ocp.rod import shooting_kernels as shooting
+from trunk_ocp.rod.arguments import Controls
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.equations import rates
 from trunk_ocp.rod.shape_map import PointShapes, ShapeMap
@@ -123,7 +124,7 @@ def test_wherever_statics_finds_a_shape_there_is_one(trunk, draw):
 
 def test_by_weight_alone_newton_converges_from_the_unloaded_shape(trunk, draw):
     solve, activation, psi = ShapeMap(trunk), draw(trunk, 300, seed=108), heads(300, 109)
-    controls = solve._controls(activation, psi)
+    controls = Controls.of(trunk, activation, psi, strict=True)
     paths, reached = solve._unloaded(controls), np.empty(300)
     nowhere = np.full_like(paths, np.nan)  # from which no load can be raised
     shooting.loaded_paths(
@@ -137,7 +138,7 @@ def test_by_weight_alone_newton_converges_from_the_unloaded_shape(trunk, draw):
 @pytest.mark.parametrize("spoilt", ["start", "load"])
 def test_a_newton_iteration_that_ends_in_nan_has_not_converged(trunk, spoilt):
     solve = ShapeMap(trunk)
-    controls = solve._controls(REST, (0.0, 0.0))
+    controls = Controls.of(trunk, REST, (0.0, 0.0), strict=True)
     unloaded, points, reached = solve._unloaded(controls), solve._points.copy(), np.empty(1)
     paths = unloaded.copy()
     if spoilt == "start":
@@ -157,7 +158,7 @@ def test_a_newton_iteration_that_ends_in_nan_has_not_converged(trunk, spoilt):
 
 @pytest.mark.parametrize("steps", [3, 4, 5, 6])
 def test_the_defect_estimates_the_error(trunk, draw, monkeypatch, steps):
-    monkeypatch.setattr(shape_map, "DEFECT", np.inf)  # as the steps give it, never refined
+    monkeypatch.setattr(shape_map, "MAX_DEFECT", np.inf)  # as the steps give it, never refined
     ratios = []
     for load in LOADS.values():
         activation, psi = draw(trunk, 100, seed=110), heads(100, 111)
@@ -187,7 +188,7 @@ def test_shapes_that_the_steps_do_not_resolve_are_solved_with_more(
     fine = ShapeMap(trunk, load, at=coarse.Z, steps=24)(activation, psi)
     # Of few steps, those that pass are the least accurate ones: see PointShapes.defect.
     assert distance(shapes.position, at_points(fine, coarse.Z).position) < 1e-5
-    monkeypatch.setattr(shape_map, "HALVINGS", 0)
+    monkeypatch.setattr(shape_map, "MAX_HALVINGS", 0)
     with pytest.raises(StaticsError, match=r"bends too sharply") as caught:
         ShapeMap(trunk, load, steps=steps)(activation, psi)
     assert caught.value.load_fraction == 1
@@ -482,8 +483,8 @@ def test_where_no_equilibrium_is_found_the_error_says_how_far_it_got(trunk):
 
 def test_the_error_names_the_shape_of_the_batch_that_fails(trunk, draw, monkeypatch):
     # Without loads the trunk at rest is straight, which any steps resolve; the other is not.
-    monkeypatch.setattr(shape_map, "HALVINGS", 1)
-    monkeypatch.setattr(shape_map, "DEFECT", 1e-14)
+    monkeypatch.setattr(shape_map, "MAX_HALVINGS", 1)
+    monkeypatch.setattr(shape_map, "MAX_DEFECT", 1e-14)
     activation = np.stack([REST, REST, draw(trunk, 1, seed=133)[0], REST])
     with pytest.raises(StaticsError, match=r"shape 3 of 4"):
         ShapeMap(trunk, Loads(0.0), steps=3)(activation)
@@ -511,7 +512,7 @@ def test_a_map_that_is_not_strict_leaves_out_what_it_does_not_find(trunk):
 def test_without_numba_the_error_says_what_to_install(trunk, monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.delitem(sys.modules, "trunk_ocp.rod.shooting_kernels")
-    monkeypatch.delattr(trunk_ocp, "shooting")
+    monkeypatch.delattr(trunk_ocp.rod, "shooting_kernels")
     with pytest.raises(TrunkError, match=r"needs numba.*pip install trunk_ocp\[fast\]"):
         ShapeMap(trunk)
 
@@ -574,7 +575,7 @@ def test_a_compressed_shape_is_refused():
     trunk = thin_tipped(0.0, 0.1, 0.0)
     area, passive = math.pi * trunk.base_radius**2 * trunk.youngs_modulus, np.zeros(2)
     load = Loads(0.0, (0.0, 0.0, -1.6 * area))  # would leave -0.6 of the length
-    with pytest.raises(StaticsError, match="squeezed to nothing") as caught:
+    with pytest.raises(StaticsError, match="compressed to nothing") as caught:
         ShapeMap(trunk, load)(passive)
     assert caught.value.load_fraction == pytest.approx(1 / 1.6, abs=1e-3)
     assert not ShapeMap(trunk, load, strict=False)(passive).found

@@ -24,7 +24,7 @@ from trust.validation.rods import EVERYTHING, heads
 REST = np.zeros(28)
 
 
-def test_a_search_that_ends_at_its_limit_of_work_denies_no_equilibrium(monkeypatch):
+def test_a_search_that_hits_its_work_limit_says_there_may_be_an_equilibrium(monkeypatch):
     arm = thin_tipped(0.03928)  # from 20 mm to 0.36 mm
     activation, load = np.full(2, -0.1), Loads(0.0, (0.005, 0.0, 0.0))
     monkeypatch.setattr(continuation, "MAX_WORK", 20)
@@ -81,7 +81,7 @@ def test_a_batch_is_its_members(trunk, draw):
             np.testing.assert_allclose(batch.moment(Z)[i, j], one.moment(Z), atol=1e-7)
 
 
-def test_contact_regions_may_differ_on_a_mesh_that_serves_all(trunk):
+def test_contact_regions_may_differ_on_a_mesh_with_edges_for_all(trunk):
     edges = sorted({*mesh_for(trunk, 1.0).edges, *mesh_for(trunk, 1.4).edges})
     loads = [Loads(contact_from=at, contact_force=(0, 0, 100.0)) for at in (1.0, 1.4)]
     batch = solve_statics(trunk, REST, loads=loads, mesh=Mesh(tuple(edges), 6))
@@ -126,7 +126,7 @@ def test_a_singular_newton_step_is_not_a_crash(trunk):
     # Heavy weight and a push from below on a trunk of 10 kPa: a Newton matrix is singular.
     soft = dataclasses.replace(trunk, youngs_modulus=1e4)
     load = Loads(tip_force=(0.0, 0.0, -1000.0))
-    with contextlib.suppress(StaticsError):  # an honest refusal is as good as a shape
+    with contextlib.suppress(StaticsError):  # to refuse it is fine as well
         shape = solve_statics(soft, REST, loads=load, mesh=mesh_for(soft))
         assert np.isfinite(shape.position([1.75])).all()
 
@@ -166,7 +166,7 @@ def test_a_point_off_the_trunk_is_refused(trunk, Z, what):
 
 
 @pytest.mark.parametrize("Z", ["a", ["a"], [[1.0]], [1.0, [2.0]], 1j])
-def test_a_point_that_is_no_number_is_refused(trunk, Z):
+def test_a_point_that_is_not_a_number_is_refused(trunk, Z):
     with pytest.raises(InputError, match="expected points of the trunk in m"):
         solve_statics(trunk, REST).position(Z)
 
@@ -225,7 +225,7 @@ def test_a_thrust_that_leaves_nothing_of_the_length_is_refused():
 
 @pytest.mark.parametrize("size", [3e7, 1e8, 1e9])
 @pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)])
-def test_a_tip_force_out_of_all_proportion_leaves_no_trunk_of_zero_length(trunk, size, way):
+def test_an_enormous_tip_force_gives_no_trunk_of_zero_length(trunk, size, way):
     load = Loads(tip_force=tuple(size * np.array(way)))
     with contextlib.suppress(StaticsError):  # or else a string of the length that E A says
         shape = solve_statics(trunk, REST, loads=load, mesh=mesh_for(trunk, None, 24))
@@ -233,7 +233,7 @@ def test_a_tip_force_out_of_all_proportion_leaves_no_trunk_of_zero_length(trunk,
         assert np.linalg.norm(shape.position([1.75])) > size / 1e6
 
 
-def test_one_rod_that_needs_a_fine_mesh_leaves_the_others_of_its_batch_as_they_were(trunk):
+def test_a_rod_that_needs_a_fine_mesh_does_not_change_the_others_of_its_batch(trunk):
     loads = [Loads(), Loads(tip_force=(1e5, 0.0, 0.0))]
     both = solve_statics(trunk, np.stack([REST, REST]), loads=loads)
     for own, load in zip(both.position([0.9, 1.75]), loads, strict=True):
@@ -258,6 +258,6 @@ def test_a_point_one_rounding_error_beyond_an_end_is_the_end(trunk, Z):
     assert motion.steps[0].targets[0].Z == end
 
 
-def test_a_point_that_is_off_the_trunk_is_told_as_what_it_is(trunk):
+def test_a_point_just_off_the_trunk_is_quoted_with_all_its_digits(trunk):
     with pytest.raises(InputError, match=r"Z = 1\.7500001: expected 0 <= Z <= L = 1\.75 m"):
         solve_statics(trunk, REST).position([1.7500001])

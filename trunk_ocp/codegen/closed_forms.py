@@ -9,7 +9,7 @@ import math
 
 import sympy as sp
 
-from ..model.anatomy import Muscle, Trunk
+from ..model.anatomy import Muscle, Trunk, unknown_architecture
 from .notation import SYMBOL, Formula, names, total
 
 DIGITS = 50
@@ -19,8 +19,12 @@ DIGITS = 50
 def kind(trunk: Trunk, muscle: Muscle) -> str:
     """Which closed form of eq. (A.4) a muscle needs."""
     k, h = trunk.taper_rate, abs(math.tan(muscle.helix)) / muscle.radii[1]
+    if muscle.architecture == "radial":
+        return "radial"
+    if muscle.architecture == "longitudinal":
+        return "tapered" if k > 0 else "straight"
     if muscle.architecture != "helical":
-        return "radial" if muscle.architecture == "radial" else "tapered" if k > 0 else "straight"
+        raise unknown_architecture(muscle)
     if k == 0:
         return "helix"
     return "steep" if h > k else "gentle" if h < k else "even"

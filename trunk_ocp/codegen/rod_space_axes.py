@@ -22,6 +22,7 @@ import casadi as ca
 from ..model.anatomy import Head
 from ..model.head import base_pose
 from ..model.quaternions import cross, directors, dot, product
+from ..rod.equations import loaded_curvature, loaded_extension
 
 TERMS = 10  # of a series in theta^2 <= 1: the next one is 1 / 20! of the first
 MOMENTS = 2 * TERMS + 1
@@ -62,8 +63,8 @@ def _strains(w: ca.SX, p: ca.SX) -> tuple[tuple[tuple[ca.SX, ...], ...], ca.SX, 
     M, zeta_hat, c, mean = ca.vertsplit(w[4:7]), w[7], ca.vertsplit(w[8:11]), w[11]
     N, (taper, K0, *K) = ca.vertsplit(w[12:15]), ca.vertsplit(p)
     d = directors(ca.vertsplit(w[0:4]))
-    zeta = zeta_hat * (1 + dot(d[2], N) * mean / K0)
-    u = tuple(c[i] / taper + dot(d[i], M) * mean**2 / K[i] for i in range(3))
+    zeta = loaded_extension(zeta_hat, mean, dot(d[2], N), K0)
+    u = tuple(loaded_curvature(c[i] / taper, mean, dot(d[i], M), K[i]) for i in range(3))
     return d, zeta, u
 
 

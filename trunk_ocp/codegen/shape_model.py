@@ -15,16 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError
-from ..model.activation import (
-    mean_extension,
-    segment_at,
-    segment_fractions,
-    stiffness,
-    strain_matrix,
-)
-from ..model.activation import strains as strains_of
+from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
-from ..model.loads import Loads, contact_share, couple_density, internal_force, mass_beyond, vector
+from ..model.loads import Loads, contact_share, couple_density, mass_beyond, vector
 from ..rod.collocation import Mesh, gauss, mesh_for
 from ..rod.statics import solve_statics
 from .rod_space_axes import MOMENTS
@@ -264,13 +257,7 @@ def reference(model: Model, x: np.ndarray) -> np.ndarray:
     shape = solve_statics(trunk, activation, head, loads, mesh)
     shape = solve_statics(trunk, activation, head, loads, near=shape)  # to round-off
     directors, moment = shape.directors(Z), shape.moment(Z)
-    strain = strains_of(trunk, activation)
-    mean = mean_extension(trunk, strain)[:, None]
-    local, K, f = strain[:, segment_at(trunk, Z)], stiffness(trunk, Z), trunk.taper(Z)
-    force = np.stack([internal_force(load, trunk, Z) for load in loads])
-    pull = np.sum(directors[:, :, 2] * force, axis=-1)
-    zeta = local[..., 0] * (1 + pull * mean / K[:, 0])
-    u = local[..., 1:] / f[:, None] + moment * mean[..., None] ** 2 / K[:, 1:]
+    zeta, u = shape.strain(Z)
     flat = directors.reshape(*directors.shape[:2], 9)
     return np.concatenate([shape.position(Z), flat, zeta[..., None], u, moment], axis=-1)
 

@@ -1,1 +1,1 @@
-"""What a trunk is: anatomy, muscles, head and loads (sections 2.1, 3 and 4)."""
+"""The trunk: anatomy, muscles, head and loads (sections 2.1, 3 and 4 of the paper)."""

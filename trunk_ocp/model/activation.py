@@ -1,7 +1,7 @@
-"""From muscle activation to intrinsic strain: eqs. 5-10, 19-30 and appendix A.
+"""From muscle activation to intrinsic strain (eqs. 5-10, 19-30 and appendix A).
 
-With linear taper and the compatibility condition (29) every radius scales with
-f(Z) = 1 - k Z, so the extension of the activated trunk is constant within a segment and
+With linear taper and the compatibility condition (29), every radius scales with
+f(Z) = 1 - k Z. So the extension of the activated trunk is constant within a segment, and
 its curvature is a constant divided by f. The whole effect of activation is therefore one
 constant matrix: four strain numbers (extension, and the curvature at the scale of Z = 0)
 for each segment, linear in the activations.
@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from .anatomy import Muscle, Trunk
+from .anatomy import Muscle, Trunk, unknown_architecture
 
 # Gauss-Legendre rule for the radial integrals. Their integrands are smooth, with poles at
 # R = i R_2 / tan(helix) only: 64 nodes reach round-off for helices up to 89 degrees, and
@@ -28,6 +28,11 @@ def radial_integrals(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]
     With D_Z the axial component of the fiber direction (eq. 9), eq. (6) has the integrands
     (1 - nu + (1 + nu) cos 2 alpha) / 2 = (1 + nu) D_Z^2 - nu and
     cos(beta) sin(2 alpha) / 2 = D_Theta D_Z.
+
+    Raises
+    ------
+    InputError
+        For a muscle of an unknown architecture.
     """
     inner, outer = muscle.radii
     R = 0.5 * (outer + inner) + 0.5 * (outer - inner) * _NODES
@@ -35,6 +40,8 @@ def radial_integrals(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]
     cos_taper = 1 / np.hypot(1, trunk.taper_rate * R)  # tan(phi) = k R, eq. (27)
     if muscle.architecture == "radial":
         D_Z, D_Theta = np.zeros_like(R), np.zeros_like(R)  # eq. (19) undoes the taper
+    elif muscle.architecture not in ("longitudinal", "helical"):
+        raise unknown_architecture(muscle)
     else:
         tan_helix = math.tan(muscle.helix) * R / outer  # eq. (21); zero if longitudinal
         cos_helix = 1 / np.hypot(1, tan_helix)
@@ -79,20 +86,20 @@ def strains(trunk: Trunk, activation: np.ndarray) -> np.ndarray:
 
 
 def segment_fractions(trunk: Trunk) -> np.ndarray:
-    """Share of the trunk's length that each segment takes, (segments,)."""
+    """Each segment's share of the trunk's length, (segments,)."""
     return np.diff(trunk.edges) / trunk.length
 
 
 def mean_extension(trunk: Trunk, strain: np.ndarray) -> np.ndarray:
     """Mean of zeta_hat over [0, L], (...,): the volume factor of eq. (30).
 
-    The paper prints the integral without 1/L; without it R_0* has no unit of length.
+    The paper prints the integral without 1/L, which leaves R_0* without the unit of a length.
     """
     return np.asarray(strain)[..., 0] @ segment_fractions(trunk)
 
 
 def segment_at(trunk: Trunk, Z: np.ndarray | float) -> np.ndarray:
-    """Index of the segment that holds Z; a boundary belongs to the segment it ends."""
+    """Index of the segment that contains Z; a boundary belongs to the segment that it ends."""
     return np.searchsorted(np.asarray(trunk.edges[1:-1]), np.asarray(Z, dtype=float), side="left")
 
 
@@ -100,8 +107,8 @@ def intrinsic_strain(
     trunk: Trunk, activation: np.ndarray, Z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Extension zeta_hat (..., n), curvature u_hat (..., n, 3) in 1/m at points Z (n,) (eq. 5)."""
-    at = strains(trunk, activation)[..., segment_at(trunk, Z), :]
-    return at[..., 0], at[..., 1:] / trunk.taper(Z)[:, None]
+    strain = strains(trunk, activation)[..., segment_at(trunk, Z), :]
+    return strain[..., 0], strain[..., 1:] / trunk.taper(Z)[:, None]
 
 
 def torsion(trunk: Trunk, activation: np.ndarray, Z: np.ndarray) -> np.ndarray:
@@ -109,8 +116,8 @@ def torsion(trunk: Trunk, activation: np.ndarray, Z: np.ndarray) -> np.ndarray:
 
     Eq. (40) divides all of its terms by zeta_hat. Only the derivative along Z needs that: by
     eq. (1), u is per activated length already. u_1 and u_2 share the factor 1/f(Z), so that
-    derivative is zero here, and u_3 remains. NaN where the centerline is straight and has no
-    torsion.
+    derivative is zero here, and u_3 remains. NaN where the centerline is straight, so that torsion
+    is undefined.
     """
     _, u = intrinsic_strain(trunk, activation, Z)
     bent = np.hypot(u[..., 0], u[..., 1]) > 0

@@ -1,8 +1,8 @@
 """The trunk's anatomy: segments, muscles, material and head, read from a data file.
 
-Equations 16-23, 26 and 29 of the paper define what a trunk is made of; Table 1 and
-section 3.6 give the numbers of the Asian elephant, which ship as a data file. Any other
-trunk of the same kind is another file.
+Equations 16-23, 26 and 29 of the paper define the anatomy; Table 1 and section 3.6 give the
+numbers of the Asian elephant, which ship as a data file. Any other trunk of the same kind is
+another file.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -33,9 +33,9 @@ Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
 
 ROUNDED_PI = 3.1416  # Table 1 prints pi with four decimals
-ROUND_OFF = 1e-12
-"""Of the trunk's length, by which a point may lie beyond an end."""
-MOST_PARTS = 50
+END_TOL = 1e-12
+"""By how much of the trunk's length a point may lie beyond an end."""
+MAX_PARTS = 50
 """Segments of a trunk, and muscle groups of a segment; each segment needs elements of its own."""
 
 
@@ -56,13 +56,13 @@ class MuscleSpec(Strict):
             raise ValueError("radii_over_length must satisfy 0 <= inner < outer")
         low, high = self.sector
         if not 0 <= low < high <= 2 * ROUNDED_PI:
-            told = "sector must satisfy 0 <= first < second <= 2 pi, in radians"
+            message = "sector must satisfy 0 <= first < second <= 2 pi, in radians"
             if 0 <= low < high <= 360:
                 radians = f"[{math.radians(low):.4f}, {math.radians(high):.4f}]"
-                told += f"; these look like degrees: [{low:g}, {high:g}] would be {radians}"
-            raise ValueError(told)
+                message += f"; these look like degrees: [{low:g}, {high:g}] would be {radians}"
+            raise ValueError(message)
         if (self.architecture == "helical") != (self.helix_deg != 0.0):
-            raise ValueError("helix_deg is for helical muscles, and they need a non-zero one")
+            raise ValueError("helix_deg must be non-zero for helical muscles, and 0 for others")
         if len(set(self.sides)) != len(self.sides):
             raise ValueError("sides names a side twice")
         return self
@@ -72,7 +72,7 @@ class SegmentSpec(Strict):
     """A stretch of the trunk with its own muscles."""
 
     Z_over_length: Pair
-    muscles: Annotated[tuple[MuscleSpec, ...], Field(max_length=MOST_PARTS)] = ()
+    muscles: Annotated[tuple[MuscleSpec, ...], Field(max_length=MAX_PARTS)] = ()
 
 
 class MaterialSpec(Strict):
@@ -84,7 +84,7 @@ class MaterialSpec(Strict):
 
 
 class HeadSpec(Strict):
-    """Where the base sits and how the head moves it (eqs. 35-39).
+    """Geometry of the head, which holds the base and moves it (eqs. 35-39).
 
     The default is a clamp along +Z that turns about the base itself.
     """
@@ -104,19 +104,19 @@ class AnatomySpec(Strict):
     taper_deg: Annotated[Number, Field(ge=0, lt=90)] = 0.0
     material: MaterialSpec
     head: HeadSpec = HeadSpec()
-    segments: Annotated[tuple[SegmentSpec, ...], Field(min_length=1, max_length=MOST_PARTS)]
+    segments: Annotated[tuple[SegmentSpec, ...], Field(min_length=1, max_length=MAX_PARTS)]
 
     @model_validator(mode="after")
     def _consistent(self) -> AnatomySpec:
         if self.base_radius_over_length <= math.tan(math.radians(self.taper_deg)):
-            raise ValueError("taper_deg is so large that the trunk ends before its length does")
+            raise ValueError("taper_deg is so large that the radius reaches 0 before the tip")
         edge = 0.0
         for number, segment in enumerate(self.segments, 1):
             start, end = segment.Z_over_length
             if start != edge or end <= start:
                 raise ValueError(
-                    f"segments[{number}].Z_over_length must start at {edge:g}, where the one "
-                    f"before ends, and end further on; it is [{start:g}, {end:g}]"
+                    f"segments[{number}].Z_over_length must start at {edge:g}, where the previous "
+                    f"segment ends, and end beyond; it is [{start:g}, {end:g}]"
                 )
             edge = end
             names = [muscle.group for muscle in segment.muscles]
@@ -186,7 +186,7 @@ class Trunk:
     subdomains: tuple[Muscle, ...]
 
     def __hash__(self) -> int:
-        # A few fields: a trunk's constants are cached by it, and looked up in every call.
+        # A few fields only: caches look trunks up in every call, and hashing all muscles is slow.
         return hash((self.name, self.length, self.edges))
 
     def __repr__(self) -> str:
@@ -204,7 +204,7 @@ class Trunk:
 
     @property
     def taper_rate(self) -> float:
-        """K = tan(phi_0) / R_0(0) in 1/m, so that f(Z) = 1 - k Z (eq. 29)."""
+        """Rate k = tan(phi_0) / R_0(0) in 1/m, so that f(Z) = 1 - k Z (eq. 29)."""
         return self.tan_taper / self.base_radius
 
     def taper(self, Z: np.ndarray | float) -> np.ndarray:
@@ -216,10 +216,17 @@ class Trunk:
         return self.base_radius * self.taper(Z)
 
     def clipped(self, Z: np.ndarray | Sequence[float] | float) -> np.ndarray:
-        """Points Z in m, with what rounding adds beyond the ends, up to 1e-12 L, cut off."""
-        given = np.asarray(Z, dtype=float)
-        within = np.clip(given, 0.0, self.length)
-        return np.where(np.abs(given - within) <= ROUND_OFF * self.length, within, given)
+        """Points Z in m, with rounding errors beyond the ends, up to 1e-12 L, cut off."""
+        Z = np.asarray(Z, dtype=float)
+        clipped = np.clip(Z, 0.0, self.length)
+        return np.where(np.abs(Z - clipped) <= END_TOL * self.length, clipped, Z)
+
+
+def unknown_architecture(muscle: Muscle) -> InputError:
+    """The error of code that meets a muscle of an architecture it has no equations for."""
+    names = ", ".join(get_args(Architecture))
+    stated = f"muscle {muscle.name}: architecture = {muscle.architecture!r}"
+    return InputError(f"{stated}: expected one of {names}.")
 
 
 def load_anatomy(name_or_path: str | Path) -> Trunk:
@@ -228,7 +235,7 @@ def load_anatomy(name_or_path: str | Path) -> Trunk:
     Raises
     ------
     InputError
-        If it is neither, or if the file is faulty; names file, key, value, expectation.
+        If it is neither, or if the file is invalid; names file, key, value and expectation.
     """
     return build_trunk(read_anatomy(name_or_path))
 
@@ -246,10 +253,10 @@ def anatomies_folder() -> Path:
 def build_trunk(spec: AnatomySpec) -> Trunk:
     """Turn a validated anatomy file into a trunk: sides expanded, units SI and radians."""
     by_side: dict[str, list[Muscle]] = {"R": [], "L": []}
-    for segment, part in enumerate(spec.segments):
-        for muscle in part.muscles:
+    for number, segment in enumerate(spec.segments):
+        for muscle in segment.muscles:
             for side in muscle.sides:
-                by_side[side].append(_subdomain(muscle, side, segment, spec.length))
+                by_side[side].append(_subdomain(muscle, side, number, spec.length))
     return Trunk(
         name=spec.name,
         length=spec.length,
@@ -264,13 +271,13 @@ def build_trunk(spec: AnatomySpec) -> Trunk:
             math.radians(spec.head.xi_y_deg),
             math.radians(spec.head.xi_d_deg),
         ),
-        edges=(*(spec.length * part.Z_over_length[0] for part in spec.segments), spec.length),
+        edges=(*(spec.length * each.Z_over_length[0] for each in spec.segments), spec.length),
         subdomains=tuple(by_side["R"] + by_side["L"]),
     )
 
 
 def _subdomain(spec: MuscleSpec, side: Side, segment: int, length: float) -> Muscle:
-    """One side of a muscle group; the left mirrors the right (eqs. 18, 19)."""
+    """The muscle on one side; the left mirrors the right (eqs. 18, 19)."""
     low, high = spec.sector
     mirrored = side == "L"
     return Muscle(

@@ -25,7 +25,7 @@ class Loads:
     tip_force : (3,)
         V in N, at Z = L.
     contact_from : float or None
-        Z_w in m; contact force and couple are spread evenly over [Z_w, L] (eqs. 12, 13).
+        Z_w in m; contact force and couple are spread uniformly over [Z_w, L] (eqs. 12, 13).
     contact_force : (3,)
         W in N.
     contact_couple : (3,)
@@ -48,12 +48,12 @@ class Loads:
             self.contact_force != ZERO or self.contact_couple != ZERO
         ):
             raise InputError(
-                "loads.contact_from: missing; a contact force or couple needs the Z in m "
-                "from which the trunk touches."
+                "loads.contact_from: missing; a contact force or couple needs the Z in m where "
+                "contact starts."
             )
 
     def scaled(self, fraction: float) -> Loads:
-        """The same loads times `fraction`, weight included."""
+        """All loads times `fraction`, gravity included."""
         return Loads(
             self.gravity * fraction,
             _times(self.tip_force, fraction),
@@ -64,18 +64,18 @@ class Loads:
 
 
 def _numbers(loads: Loads, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A field of loads as finite numbers of a shape, or InputError."""
-    value, count = getattr(loads, name), "three finite numbers" if shape else "a finite number"
+    """A field as an array of finite numbers of a shape; anything else raises InputError."""
+    value, expected = getattr(loads, name), "three finite numbers" if shape else "a finite number"
     if not isinstance(value, str):
         with contextlib.suppress(TypeError, ValueError):
             array = np.asarray(value, dtype=float)
             if array.shape == shape and np.all(np.isfinite(array)):
                 return array
-    raise InputError(f"loads.{name} = {value!r}: expected {count}.")
+    raise InputError(f"loads.{name} = {value!r}: expected {expected}.")
 
 
 def vector(v: np.ndarray) -> Vector:
-    """Three numbers as a tuple, which can be hashed."""
+    """Three numbers as a hashable tuple of floats."""
     return (float(v[0]), float(v[1]), float(v[2]))
 
 
@@ -100,7 +100,7 @@ def check_contact(trunk: Trunk, Z_w: float) -> None:
 
 
 def contact_share(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
-    """Share of the contact force that acts beyond Z (eq. 15), from 1 at Z <= Z_w to 0 at L."""
+    """Share of the contact force that acts beyond Z (eq. 15), from 1 up to Z_w to 0 at L."""
     if loads.contact_from is None:
         return np.zeros_like(Z)
     L, Z_w = trunk.length, loads.contact_from
@@ -109,7 +109,7 @@ def contact_share(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
 
 
 def internal_force(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
-    """Force n(Z) carried by the section at Z, (n, 3) N, in space axes (eq. 15)."""
+    """Internal force n(Z), (n, 3) N, in space axes: the sum of all forces beyond Z (eq. 15)."""
     Z = np.asarray(Z, dtype=float)
     weight = loads.gravity * mass_beyond(trunk, Z)
     return (

@@ -1,4 +1,4 @@
-"""The paper's Tables 2 and 3, from the model: what each muscle group does, and how strongly."""
+"""Tables 2 and 3 of the paper, from the model: signs and ranking of each muscle group's effects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from .activation import strain_matrix, torsion
 from .anatomy import Trunk
 
 MEASURES = ("zeta", "u1", "u2", "u3")
-ROUND_OFF = 1e-12  # relative to the largest effect of its kind; below, an effect is zero
+ZERO_TOL = 1e-12  # relative to the largest effect of its kind; a smaller effect counts as zero
+MIXED = 2  # sign of an effect that differs between segments
 
 
 def effects(trunk: Trunk) -> np.ndarray:
@@ -19,7 +20,7 @@ def effects(trunk: Trunk) -> np.ndarray:
     A = strain_matrix(trunk)
     response = -np.stack([A[m.segment, :, i] for i, m in enumerate(trunk.subdomains)])
     largest = np.abs(response).max(axis=0, initial=0.0)
-    response[np.abs(response) <= ROUND_OFF * largest] = 0.0
+    response[np.abs(response) <= ZERO_TOL * largest] = 0.0
     return response
 
 
@@ -29,15 +30,15 @@ def signs(trunk: Trunk) -> dict[str, dict[str, list[int]]]:
     A sign that differs between segments is given as 2.
     """
     response = effects(trunk)
-    found: dict[str, dict[str, list[int]]] = {}
+    table: dict[str, dict[str, list[int]]] = {}
     for index, muscle in enumerate(trunk.subdomains):
         row = [int(np.sign(value)) for value in response[index]]
         row.append(_torsion_sign(trunk, index))
-        known = found.setdefault(muscle.group, {}).get(muscle.side)
-        if known is not None:
-            row = [a if a == b else 2 for a, b in zip(row, known, strict=True)]
-        found[muscle.group][muscle.side] = row
-    return found
+        nearer_base = table.setdefault(muscle.group, {}).get(muscle.side)
+        if nearer_base is not None:
+            row = [a if a == b else MIXED for a, b in zip(row, nearer_base, strict=True)]
+        table[muscle.group][muscle.side] = row
+    return table
 
 
 def _torsion_sign(trunk: Trunk, index: int) -> int:
@@ -48,7 +49,7 @@ def _torsion_sign(trunk: Trunk, index: int) -> int:
     middle = (trunk.edges[segment] + trunk.edges[segment + 1]) / 2
     tau = float(torsion(trunk, activation, np.array([middle]))[0])
     largest = np.abs(strain_matrix(trunk)[:, 1:]).max() * 0.1
-    return 0 if np.isnan(tau) or abs(tau) <= ROUND_OFF * largest else int(np.sign(tau))
+    return 0 if np.isnan(tau) or abs(tau) <= ZERO_TOL * largest else int(np.sign(tau))
 
 
 def ranks(trunk: Trunk) -> list[dict[str, tuple[list[str], list[str]]]]:

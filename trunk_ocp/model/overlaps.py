@@ -1,4 +1,4 @@
-"""Muscles that share a part of the cross-section, whose tissue would count twice."""
+"""Muscles that share a part of the cross-section, so that their tissue would count twice."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from itertools import combinations
 from .._support.toml_files import Pair
 from .anatomy import Muscle, Trunk
 
-ROUNDED = 1e-3  # of a radius, and rad; by less, edges that are meant to meet overlap when rounded
+OVERLAP_TOL = 1e-3  # of a radius, and rad: edges that are meant to meet may overlap by rounding
 
 
 def overlapping(trunk: Trunk) -> Iterator[tuple[Muscle, Muscle]]:
-    """Pairs of muscles of one segment that overlap; of a pair and its mirror image the right one.
+    """Pairs of muscles of one segment that overlap, segment by segment.
 
-    In an order that puts a segment's pairs together.
+    Of a pair and its mirror image only the first.
     """
-    found: set[tuple[int, frozenset[tuple[str, bool]]]] = set()
+    yielded: set[tuple[int, frozenset[tuple[str, bool]]]] = set()
     for segment in range(trunk.segments):
         muscles = [muscle for muscle in trunk.subdomains if muscle.segment == segment]
         for one, two in combinations(muscles, 2):
             across = one.side != two.side
             pair = (segment, frozenset(((one.group, across), (two.group, across))))
-            if pair not in found and _overlap(one, two):
-                found.add(pair)
+            if pair not in yielded and _overlap(one, two):
+                yielded.add(pair)
                 yield one, two
 
 
 def _overlap(one: Muscle, two: Muscle) -> bool:
-    depth = ROUNDED * min(one.radii[1], two.radii[1])
-    return _shared(one.radii, two.radii) > depth and _shared(one.sector, two.sector) > ROUNDED
+    depth = OVERLAP_TOL * min(one.radii[1], two.radii[1])
+    return _shared(one.radii, two.radii) > depth and _shared(one.sector, two.sector) > OVERLAP_TOL
 
 
 def _shared(one: Pair, two: Pair) -> float:

@@ -1,6 +1,6 @@
-"""Unit quaternions for the director frame; plain algebra, for numbers and CasADi symbols alike.
+"""Unit quaternions for the director frame, for numbers and CasADi symbols.
 
-A quaternion is a sequence (q0, q1, q2, q3), scalar first, of scalars or equal arrays; it
+A quaternion is a sequence (q0, q1, q2, q3), scalar first, of scalars or arrays of one shape. It
 maps the space axes to the directors, d_i = R(q) e_i.
 """
 
@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 Scalar = Any  # a float, an array or a CasADi symbol
+COMPLEX_STEP = 1e-30  # small enough that its square vanishes beside 1
 
 
 def product(p: Sequence[Scalar], q: Sequence[Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
@@ -52,6 +53,19 @@ def directors(q: Sequence[Scalar]) -> tuple[tuple[Scalar, Scalar, Scalar], ...]:
         (2 * (x * y - w * z), ww - xx + yy - zz, 2 * (y * z + w * x)),
         (2 * (x * z + w * y), 2 * (y * z - w * x), ww - xx - yy + zz),
     )
+
+
+def tangent_slope(q: np.ndarray) -> np.ndarray:
+    """Derivative (..., 3, 4) of d_3 by a unit quaternion (..., 4), by complex step."""
+    varied = q[..., None] + 1j * COMPLEX_STEP * np.eye(4)
+    d3 = directors(tuple(np.moveaxis(varied, -2, 0)))[2]
+    return np.imag(np.stack(d3, axis=-2)) / COMPLEX_STEP
+
+
+def director_rows(q: np.ndarray) -> np.ndarray:
+    """Directors (..., 3, 3) of quaternions (..., 4): row i is d_i in space axes."""
+    rows = directors(tuple(np.moveaxis(q, -1, 0)))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:

@@ -95,7 +95,7 @@ def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
     Z = np.unique(np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in ends]))
     cells = np.stack([np.arange(len(Z) - 1), np.arange(1, len(Z))], axis=-1)
     points, moment = frames.shape.position(Z), frames.shape.moment(Z)
-    extension = _extension(frames.shape, Z)
+    extension, _ = frames.shape.strain((Z[:-1] + Z[1:]) / 2)
     return [
         PolyData(
             points[i],
@@ -107,14 +107,6 @@ def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
         ).xml()
         for i, time in enumerate(frames.times.tolist())
     ]
-
-
-def _extension(shape: Shape, Z: np.ndarray) -> np.ndarray:
-    """|dr/dZ| (H, n - 1) halfway between points Z (n,): of a stretch so short it is straight."""
-    middle, near = (Z[:-1] + Z[1:]) / 2, 1e-3 * np.diff(Z)
-    change = shape.position(middle + near) - shape.position(middle - near)
-    extension: np.ndarray = np.linalg.norm(change, axis=-1) / (2 * near)
-    return extension
 
 
 @dataclass(frozen=True, eq=False)

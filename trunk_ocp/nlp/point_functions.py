@@ -13,13 +13,13 @@ import casadi as ca
 from ..model.anatomy import Trunk
 from ..model.head import base_pose
 from ..model.quaternions import directors
-from ..rod.equations import rates
+from ..rod.equations import rate_arguments, rates
 
 
 @cache
 def scaled_rates(length: float, moment: float) -> ca.Function:
-    """`rates` in the NLP's units, per L of Z."""
-    w, p = ca.SX.sym("w", 15), ca.SX.sym("p", 11)
+    """`rates` in the NLP's units (lengths in L, moments in E I(0) / L), per L of Z."""
+    w, p = rate_arguments()
     to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
     to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
     return ca.Function("rates", [w, p], [to_units * rates()(to_si * w, p)])

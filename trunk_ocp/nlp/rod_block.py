@@ -204,6 +204,9 @@ def _with_rates(
     """
     E, d, element, h = mesh.elements, mesh.degree, gauss(mesh.degree), mesh.widths / trunk.length
     place = np.arange(E * d).reshape(E, d)
+    # The rates at a Gauss point are evaluated once and enter several rows: q' and m' its own
+    # collocation rows; r' the centerline at the element's end, and at targets inside, by
+    # quadrature weights. So the position needs no unknowns at Gauss points.
     scatter = [
         (np.arange(STATES), place[:, :, None], collocation, -h[:, None, None]),
         (

@@ -1,1 +1,1 @@
-"""How it bends: the equations of the rod and their solutions (section 2.2)."""
+"""The loaded rod: its equations and their solutions (section 2.2 of the paper)."""

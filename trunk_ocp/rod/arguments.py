@@ -1,16 +1,21 @@
-"""Checks of the arguments that the solvers of this folder share."""
+"""Arguments of the solvers in this folder, checked."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from ..errors import InputError
-from ..model.activation import strains
+from ..model.activation import mean_extension, strains
 from ..model.anatomy import Trunk, check_activation
 from ..model.loads import Loads
 from .collocation import Mesh
+from .point_shapes import PointShapes
+from .shape import points_on
 
 
 def check_controls(
@@ -41,6 +46,52 @@ def check_controls(
             "the extension must stay above 0."
         )
     return activation, head
+
+
+@dataclass(frozen=True, eq=False)
+class Controls:
+    """Checked arguments of a batch of B shapes, whose axes are flattened into one."""
+
+    batch: tuple[int, ...]
+    activation: np.ndarray  # (B, muscles)
+    head: np.ndarray  # (B, 2)
+    strain: np.ndarray  # (B, segments, 4)
+    mean: np.ndarray  # (B,)
+    collapsed: np.ndarray  # (B,), whether a segment's extension is not above 0
+
+    def __getitem__(self, index: np.ndarray | slice) -> Controls:
+        """Some shapes of the batch; `batch` stays that of all."""
+        arrays = (self.activation, self.head, self.strain, self.mean, self.collapsed)
+        return Controls(self.batch, *(array[index] for array in arrays))
+
+    @classmethod
+    def of(
+        cls,
+        trunk: Trunk,
+        activation: np.ndarray,
+        head: np.ndarray | tuple[float, float],
+        strict: bool,
+        shapes: tuple[int, ...] = (),
+    ) -> Self:
+        """Checked arguments, broadcast to the batch axes `shapes` that come with them.
+
+        strict : whether an activation that collapses a segment raises InputError.
+        """
+        activation, head = check_controls(trunk, activation, head, not strict)
+        axes = [activation.shape[:-1], head.shape[:-1], *([shapes] if shapes else [])]
+        try:
+            batch = np.broadcast_shapes(*axes)
+        except ValueError:
+            raise InputError(
+                "activation, head and shapes: expected leading axes that match, got "
+                f"{', '.join(map(str, axes))}."
+            ) from None
+        count, muscles = math.prod(batch), activation.shape[-1]
+        gamma = np.broadcast_to(activation, (*batch, muscles)).reshape(count, muscles)
+        psi = np.broadcast_to(head, (*batch, 2)).reshape(count, 2)
+        strain = np.ascontiguousarray(strains(trunk, gamma))
+        mean, collapsed = mean_extension(trunk, strain), np.any(strain[..., 0] <= 0, axis=1)
+        return cls(batch, gamma, psi, strain, mean, np.asarray(collapsed))
 
 
 def check_batch(activation: np.ndarray, head: np.ndarray, loads: int) -> tuple[int, ...]:
@@ -74,3 +125,43 @@ def check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
             f"mesh: expected edges from 0 to {trunk.length:g} m, with one at every segment end and "
             "start of contact; mesh_for makes such a mesh."
         )
+
+
+def check_map_arguments(
+    trunk: Trunk, loads: Loads, at: Sequence[float], steps: int, threads: int
+) -> None:
+    """Raise InputError for invalid arguments of a `ShapeMap`."""
+    for name, value, kind in (("trunk", trunk, Trunk), ("loads", loads, Loads)):
+        if not isinstance(value, kind):
+            raise InputError(f"{name}: expected one {kind.__name__}, got {type(value).__name__}.")
+    for name, number in (("steps", steps), ("threads", threads)):
+        if not isinstance(number, int | np.integer) or number < 1:
+            raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
+    points = np.asarray(at, dtype=float)
+    if points.ndim != 1:
+        raise InputError(f"at = {at!r}: expected a list of points Z in m.")
+    points_on(trunk, points)
+
+
+def check_points(Z: np.ndarray, shapes: PointShapes) -> None:
+    """Raise InputError unless shapes are at the points Z of a map."""
+    if not isinstance(shapes, PointShapes):
+        raise InputError(
+            f"shapes: expected PointShapes of a ShapeMap, got {type(shapes).__name__}."
+        )
+    if not np.array_equal(shapes.Z, Z):
+        raise InputError(
+            f"shapes: expected shapes at this map's {Z.size} points, got {shapes.Z.size} "
+            "points of another map."
+        )
+
+
+def check_start(shapes: PointShapes, batch: tuple[int, ...]) -> None:
+    """Raise InputError unless there is a start for each shape of a batch."""
+    axes = shapes.path.shape[:-2]
+    try:
+        matches = np.broadcast_shapes(axes, batch) == batch
+    except ValueError:
+        matches = False
+    if not matches:
+        raise InputError(f"start: expected shapes with leading axes {batch}, got {axes}.")

@@ -1,24 +1,24 @@
 """Whether an equilibrium of the rod is stable: the second variation of its energy.
 
-Stretch enters the energy as a convex quadratic at each Z, so it can be minimized out there. What
-remains under dead loads is a functional of the directors alone, with the force N(Z) known:
+Stretch enters the energy as a convex quadratic at each Z, so it can be minimized out pointwise.
+What remains under dead loads is a functional of the directors alone, with the force N(Z) known:
 
     Pi = int_0^L zeta_hat (sum_i K_i / (2 mean^2) (u_i - u_hat_i)^2
                            - n_3 - mean / (2 K_0) n_3^2) dZ,
 
-n_3 = N . d_3. Turned by a small rotation y(Z) in space axes, y(0) = 0, the energy changes by half
+n_3 = N . d_3. Under a small rotation y(Z) in space axes, y(0) = 0, the energy changes by half of
 
     Q[y] = int_0^L (gamma . B gamma + M . (y' x y) + zeta (n_3 |y|^2 - (d_3 . y) (N . y))
                     - zeta_hat mean / K_0 (y . (N x d_3))^2) dZ,
 
-gamma_i = d_i . y' being the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and M
-the moment in space axes. The first term is what bends back; all others are the loads' doing. The
-equilibrium is stable if Q is positive for every y (Trefftz's criterion).
+where gamma_i = d_i . y' is the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and
+M the moment in space axes. The first term is the rod's own stiffness; all others are due to the
+loads. The equilibrium is stable if Q is positive for every y (Trefftz's criterion).
 
 A couple that keeps its direction in space is not conservative in three dimensions (Ziegler,
-Principles of Structural Stability, 1968). Its moment is in M, but its own tangent, 1/2 l x eta in
-the rotation vector eta, is skew: it adds nothing to Q, which is the symmetric part of the tangent
-stiffness. By Bromwich's bound a positive Q then excludes divergence, that is static buckling, but
+Principles of Structural Stability, 1968). Its moment enters M, but its tangent, 1/2 l x eta in the
+rotation vector eta, is skew: it adds nothing to Q, which is the symmetric part of the tangent
+stiffness. By Bromwich's bound a positive Q then rules out divergence, that is static buckling, but
 not flutter.
 """
 
@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -35,12 +36,13 @@ from ..model.activation import intrinsic_strain, mean_extension, stiffness, stra
 from ..model.anatomy import check_activation
 from ..model.loads import Loads, internal_force
 from .collocation import Mesh, gauss
+from .equations import loaded_extension
 from .shape import Shape
 
-MOST_DENSE = 240  # unknowns of a matrix; beyond, elements are condensed one by one
-LARGEST = 1e12  # share of the stiffness that is looked for
-MARGIN = 1e-11  # to which a margin is then found
-NEUTRAL = 1e-5  # share of the stiffness; on the meshes of plans the margin is off by up to 2e-6
+MAX_DENSE_UNKNOWNS = 240  # of one matrix; beyond, elements are condensed one by one
+MAX_MARGIN_SIZE = 1e12  # where the bisection for a negative margin gives up
+MARGIN_TOL = 1e-11  # of that bisection
+NEUTRAL_MARGIN = 1e-5  # counts as zero: on the meshes of plans the margin is off by up to 2e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +52,11 @@ class Stability:
     Attributes
     ----------
     margin : (...,)
-        Least Q[y] / int gamma . B gamma dZ, no unit: what the loads leave of the stiffness in the
-        direction that they weaken most. 1 without loads, never more; 0 where the shape buckles;
-        1 - P / P_cr for a straight column under a thrust P.
+        Least Q[y] / int gamma . B gamma dZ, no unit: the share of the stiffness that the loads
+        leave in the direction that they weaken most. 1 without loads, never more; 0 where the
+        shape buckles; 1 - P / P_cr for a straight column under a thrust P.
     index : (...,) int
-        Independent directions in which the energy falls (Morse index).
+        Number of independent directions in which the energy falls (Morse index).
     """
 
     margin: np.ndarray
@@ -63,60 +65,61 @@ class Stability:
     @property
     def stable(self) -> np.ndarray:
         """Whether the energy rises in every direction, (...,) bool; False if one is neutral."""
-        return np.asarray(self.margin > NEUTRAL)
+        return np.asarray(self.margin > NEUTRAL_MARGIN)
 
 
 def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> Stability:
     """Stability of equilibria (...) as `solve_statics` returned them for the other arguments.
 
     y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials
-    and Q a sum by the Gauss rule: the Gauss method's own variational form (Marsden & West, Acta
+    and Q a sum by the Gauss rule: the variational form of the Gauss method (Marsden & West, Acta
     Numerica 10, 2001, part 2), of the same order 2d. With gamma scaled by sqrt(B) the
-    margin is the least eigenvalue of one symmetric matrix. On long meshes, where that takes time
-    as the cube of the nodes, it is bisected for instead, which takes time as the nodes.
+    margin is the least eigenvalue of one symmetric matrix. That takes time as the cube of the
+    number of nodes, so on long meshes it is found by bisection, in time linear in the nodes.
 
     Parameters
     ----------
     activation : (..., muscles)
-    loads : Loads or one for each shape along the last batch axis
+    loads : Loads, or one for each shape along the last batch axis
 
     Raises
     ------
     InputError
-        For activations or loads that do not go with the shape's batch axes.
+        For activations or loads that do not match the shape's batch axes.
     """
     trunk, batch = shape.trunk, shape.states.shape[:-3]
     activation = check_activation(trunk, activation)
-    every = [loads] if isinstance(loads, Loads) else list(loads)
+    each = [loads] if isinstance(loads, Loads) else list(loads)
     Z = shape.mesh.points.ravel()
-    force = np.reshape([internal_force(load, trunk, Z) for load in every], (-1, Z.size, 3))
+    force = np.reshape([internal_force(load, trunk, Z) for load in each], (-1, Z.size, 3))
     try:
-        force = np.broadcast_to(force[0] if len(every) == 1 else force, (*batch, Z.size, 3))
-        every_activation = np.broadcast_to(activation, (*batch, activation.shape[-1]))
+        force = np.broadcast_to(force[0] if len(each) == 1 else force, (*batch, Z.size, 3))
+        activations = np.broadcast_to(activation, (*batch, activation.shape[-1]))
     except ValueError:
         raise InputError(
             f"activation and loads: expected leading axes that match those of the shape, {batch}, "
-            f"got {activation.shape[:-1]} with {len(every)} loads."
+            f"got {activation.shape[:-1]} with {len(each)} loads."
         ) from None
-    integral = _integral(shape.mesh) if 3 * Z.size <= MOST_DENSE else None
+    integral = _integral(shape.mesh) if 3 * Z.size <= MAX_DENSE_UNKNOWNS else None
     margin, index = np.empty(batch), np.zeros(batch, dtype=int)
     for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        parts = _integrand(shape[i], every_activation[i], force[i])
+        parts = _integrand(shape[i], activations[i], force[i])
         if integral is not None:
             values = _eigenvalues(integral, *parts)
-            margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL)
+            margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL_MARGIN)
         else:
-            margin[i], index[i] = _Chain.of(shape.mesh, *parts).margin()
+            margin[i], index[i] = _ElementChain.of(shape.mesh, *parts).margin()
     return Stability(np.minimum(margin, 1.0), index)
 
 
 def _integrand(
     shape: Shape, activation: np.ndarray, N: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Q = sum over n Gauss points of |s|^2 + y . (by_turn y + by_rate y'), y' = rate s.
+    """Rate, by_turn and by_rate, (..., n, 3, 3), of Q as a sum over n Gauss points.
+
+    Q = sum of |s|^2 + y . (by_turn y + by_rate y'), y' = rate s; the Gauss weights are in them.
 
     activation : (..., muscles); N : (..., n, 3), force on the sections in N and space axes.
-    Returns rate, by_turn and by_rate, (..., n, 3, 3), with the Gauss weights in them.
     """
     trunk, mesh = shape.trunk, shape.mesh
     Z = mesh.points.ravel()
@@ -131,7 +134,7 @@ def _integrand(
     softness = mean / K[:, 0]
     d3 = d[..., 2, :]
     n3 = np.sum(N * d3, axis=-1)
-    zeta = zeta_hat * (1 + n3 * softness)
+    zeta = loaded_extension(zeta_hat, mean, n3, K[:, 0])
     across = np.cross(N, d3)
     by_turn = (
         _per_matrix(weights * zeta * n3) * np.eye(3)
@@ -146,46 +149,48 @@ def _integrand(
 def _eigenvalues(
     integral: np.ndarray, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray
 ) -> np.ndarray:
-    """Eigenvalues (3 n,), rising, of Q in the unknowns s (n, 3); see `_integrand`.
+    """Eigenvalues (3 n,), ascending, of Q in the unknowns s (n, 3); see `_integrand`.
 
     integral : (n, n), from y' to y.
     """
     size, points = 3 * len(integral), np.arange(len(integral))
     turn = np.einsum("kl,lai->kali", integral, rate)
     load = by_turn @ turn.reshape(-1, 3, size)
-    own = load.reshape(-1, 3, len(integral), 3)
-    own[points, :, points] += by_rate @ rate
+    by_point = load.reshape(-1, 3, len(integral), 3)
+    by_point[points, :, points] += by_rate @ rate
     Q = turn.reshape(size, size).T @ load.reshape(size, size)
-    if not np.all(np.isfinite(Q)):  # no equilibrium, which is not stable either
+    if not np.all(np.isfinite(Q)):  # no equilibrium, and so no stable one
         return np.full(size, np.nan)
     return np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
 
 
 @dataclass(frozen=True, eq=False)
-class _Chain:
+class _ElementChain:
     """Q of one shape, element by element: in the unknowns s (3 d) and the turn y at the left edge.
 
-    With P the least that all elements beyond make of the turn y_1 at the right edge, y_1 . P y_1,
+    Let y_1 . P y_1 be the least value of Q over all elements beyond, for a turn y_1 at the right
+    edge. Then
 
-        Q - share |s|^2 = s . (own - share) s + 2 y . mixed s + y . edge y + y_1 . P y_1,
+        Q - share |s|^2 = s . (inner - share) s + 2 y . mixed s + y . edge y + y_1 . P y_1,
 
-    y_1 = y + over s. Its least over s is the P of the element before. By Haynsworth's rule on Schur
-    complements, Q has as many eigenvalues below the share as the matrices of s have below zero.
+    y_1 = y + over s. Its least value over s gives the P of the element before. By Haynsworth's
+    inertia formula for Schur complements, Q has as many eigenvalues below the share as the matrices
+    of s together have below zero.
 
     Attributes
     ----------
-    own : (E, 3 d, 3 d)
+    inner : (E, 3 d, 3 d)
     mixed, over : (E, 3, 3 d)
     edge : (E, 3, 3)
     """
 
-    own: np.ndarray
+    inner: np.ndarray
     mixed: np.ndarray
     over: np.ndarray
     edge: np.ndarray
 
     @classmethod
-    def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> _Chain:
+    def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> Self:
         """The chain of an integrand (n, 3, 3) on a mesh; see `_integrand`."""
         element, E, d = gauss(mesh.degree), mesh.elements, mesh.degree
         each = (E, d, 3, 3)
@@ -200,37 +205,37 @@ class _Chain:
         points = np.arange(d)
         load[:, points, :, points] += 2 * half.swapaxes(0, 1)
         Q = turn.reshape(E, 3 * d, 3 * d).swapaxes(1, 2) @ load.reshape(E, 3 * d, 3 * d)
-        own = np.eye(3 * d) + (Q + Q.swapaxes(1, 2)) / 2
-        return cls(own, mixed.reshape(E, 3, -1), over.reshape(E, 3, -1), A.sum(axis=1))
+        inner = np.eye(3 * d) + (Q + Q.swapaxes(1, 2)) / 2
+        return cls(inner, mixed.reshape(E, 3, -1), over.reshape(E, 3, -1), A.sum(axis=1))
 
     def margin(self) -> tuple[float, int]:
-        """Least eigenvalue, 1 if it is more, and how many are below -NEUTRAL."""
+        """Least eigenvalue, at most 1, and how many are below -NEUTRAL_MARGIN."""
         low, high = 0.0, 1.0
-        if not all(np.all(np.isfinite(part)) for part in (self.own, self.mixed, self.edge)):
-            return math.nan, 0  # no equilibrium, which is not stable either
-        if not self.below(high - MARGIN, 1):
+        if not all(np.all(np.isfinite(part)) for part in (self.inner, self.mixed, self.edge)):
+            return math.nan, 0  # no equilibrium, and so no stable one
+        if not self.below(high - MARGIN_TOL, 1):
             return 1.0, 0
-        while low > -LARGEST and self.below(low, 1):
+        while low > -MAX_MARGIN_SIZE and self.below(low, 1):
             low, high = 10 * low - 1, low
-        while high - low > MARGIN * max(1.0, -low):
+        while high - low > MARGIN_TOL * max(1.0, -low):
             middle = (low + high) / 2
             low, high = (low, middle) if self.below(middle, 1) else (middle, high)
-        return low, self.below(-NEUTRAL) if low < -NEUTRAL else 0
+        return low, self.below(-NEUTRAL_MARGIN) if low < -NEUTRAL_MARGIN else 0
 
     def below(self, share: float, enough: float = math.inf) -> int:
-        """How many eigenvalues are below a share of the stiffness; or some, if `enough` are."""
+        """Number of eigenvalues below a share of the stiffness; counts no further than `enough`."""
         count, P = 0, np.zeros((3, 3))
-        for own, mixed, over, edge in zip(
-            self.own[::-1], self.mixed[::-1], self.over[::-1], self.edge[::-1], strict=True
+        for inner, mixed, over, edge in zip(
+            self.inner[::-1], self.mixed[::-1], self.over[::-1], self.edge[::-1], strict=True
         ):
             push = P @ over
-            matrix = own + over.T @ push
-            matrix.flat[:: len(own) + 1] -= share
+            matrix = inner + over.T @ push
+            matrix.flat[:: len(inner) + 1] -= share
             try:
-                np.linalg.cholesky(matrix)
+                np.linalg.cholesky(matrix)  # positive definite, as a rule: cheaper than eigenvalues
             except np.linalg.LinAlgError:
                 if not np.all(np.isfinite(matrix)):
-                    return count + 1  # beyond all measure
+                    return count + 1  # overflow: the loads are enormous
                 count += int(np.count_nonzero(np.linalg.eigvalsh(matrix) <= 0))
                 if count >= enough:
                     return count
@@ -238,7 +243,7 @@ class _Chain:
             try:
                 P = edge + P - right @ np.linalg.solve(matrix, right.T)
             except np.linalg.LinAlgError:
-                return max(count, 1)  # just at an eigenvalue
+                return max(count, 1)  # exactly at an eigenvalue
             P = (P + P.T) / 2
         return count
 
@@ -246,10 +251,10 @@ class _Chain:
 def _integral(mesh: Mesh) -> np.ndarray:
     """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each."""
     element, E = gauss(mesh.degree), mesh.elements
-    before, own = np.tri(E, k=-1), np.eye(E)
+    before, within = np.tri(E, k=-1), np.eye(E)
     parts = (
         before[:, None, :, None] * element.integral(1.0)
-        + own[:, None, :, None] * element.integral(element.nodes)[:, None]
+        + within[:, None, :, None] * element.integral(element.nodes)[:, None]
     )
     n = E * mesh.degree
     return (parts * mesh.widths[:, None]).reshape(n, n)

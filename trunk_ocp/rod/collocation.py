@@ -2,8 +2,8 @@
 
 On an element [Z_k, Z_k + h] the state is a polynomial of degree d through its value at the
 left edge and d values at the Gauss points, where it satisfies the differential equation.
-This is the Gauss method of d stages (Hairer, Norsett & Wanner, Solving ODEs I, II.7): order
-2d at the element edges, d + 1 inside, and exact in quadratic invariants such as |q|.
+This is the Gauss method of d stages (Hairer, Norsett & Wanner, Solving ODEs I, II.7): of order
+2d at the element edges and d + 1 inside. It conserves quadratic invariants such as |q|.
 """
 
 from __future__ import annotations
@@ -63,12 +63,12 @@ def gauss(degree: int) -> Gauss:
     if not 1 <= degree <= 20:
         raise InputError(f"degree = {degree}: expected a whole number from 1 to 20.")
     nodes, _ = _unit_rule(degree)
-    every = np.append(0.0, nodes)
-    gaps = every[:, None] - every + np.eye(degree + 1)
+    points = np.append(0.0, nodes)
+    gaps = points[:, None] - points + np.eye(degree + 1)
     barycentric = 1 / gaps.prod(axis=1)
     derivative = barycentric / barycentric[:, None] / gaps
     np.fill_diagonal(derivative, 0.0)
-    np.fill_diagonal(derivative, -derivative.sum(axis=1))
+    np.fill_diagonal(derivative, -derivative.sum(axis=1))  # so that constants have none, exactly
     return Gauss(degree, nodes, derivative[1:])
 
 
@@ -81,9 +81,9 @@ def _unit_rule(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _lagrange(nodes: np.ndarray, tau: np.ndarray) -> np.ndarray:
     """Values (..., n) at tau (...) of the Lagrange basis on nodes (n,)."""
-    own = np.eye(nodes.size, dtype=bool)
-    factors = (tau[..., None, None] - nodes) / np.where(own, 1.0, nodes[:, None] - nodes)
-    return np.where(own, 1.0, factors).prod(axis=-1)
+    same = np.eye(nodes.size, dtype=bool)
+    factors = (tau[..., None, None] - nodes) / np.where(same, 1.0, nodes[:, None] - nodes)
+    return np.where(same, 1.0, factors).prod(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,10 @@ class Mesh:
         )
 
     def locate(self, Z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Element that holds Z and the position tau in [0, 1] in it; an edge ends its element."""
+        """Element that contains Z and the position tau in [0, 1] in it.
+
+        An edge belongs to the element that it ends.
+        """
         Z = np.asarray(Z, dtype=float)
         element = np.searchsorted(np.asarray(self.edges[1:-1]), Z, side="left")
         return element, (Z - np.asarray(self.edges)[element]) / self.widths[element]
@@ -124,10 +127,17 @@ def mesh_for(
     degree: int = 6,
     at: Sequence[float] = (),
 ) -> Mesh:
-    """Mesh with an edge on every jump: segment ends and the start of contact Z_w; and at Z `at`.
+    """Mesh with an edge on every jump, that is at segment ends and at the start of contact.
 
     Every stretch between two jumps gets one element; the rest of `elements` go where elements
     are longest, measured in local radii, the scale on which a tapered trunk bends.
+
+    Parameters
+    ----------
+    contact_from : Z_w in m
+    elements : their number; more if there are more jumps
+    degree : of every element, from 1 to 20
+    at : further points Z in m that get an edge
 
     Raises
     ------
@@ -142,13 +152,13 @@ def mesh_for(
     def in_radii(Z: np.ndarray) -> np.ndarray:
         return -np.log1p(-k * Z) / k if k > 0 else Z
 
-    reach = in_radii(np.asarray(jumps))
-    pieces = np.ones(reach.size - 1, dtype=int)
-    while pieces.sum() < elements:
-        pieces[np.argmax(np.diff(reach) / pieces)] += 1
+    scaled = in_radii(np.asarray(jumps))
+    counts = np.ones(scaled.size - 1, dtype=int)
+    while counts.sum() < elements:
+        counts[np.argmax(np.diff(scaled) / counts)] += 1
     edges = [0.0]
-    for start, end, jump, count in zip(reach[:-1], reach[1:], jumps[1:], pieces, strict=True):
+    for start, end, jump, count in zip(scaled[:-1], scaled[1:], jumps[1:], counts, strict=True):
         inner = np.linspace(start, end, count + 1)[1:]
         edges += list(-np.expm1(-k * inner) / k if k > 0 else inner)
-        edges[-1] = jump  # itself, not its round trip
+        edges[-1] = jump  # exactly, without the rounding of scaling to radii and back
     return Mesh(tuple(float(edge) for edge in edges), degree)

@@ -86,7 +86,6 @@ def loaded_curvature(u_hat: Scalar, mean: Scalar, m: Scalar, K: Scalar) -> Scala
 
 def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray) -> np.ndarray:
     """Parameters p of `rates` (11, n) at points Z (n,), without the tip force, which is in w."""
-    Z = np.asarray(Z, dtype=float)
     force = internal_force(loads, trunk, Z) - np.asarray(loads.tip_force)
     return np.vstack(
         [trunk.taper(Z), stiffness(trunk, Z).T, force.T, couple_density(loads, trunk, Z).T]

@@ -18,7 +18,6 @@ MAX_ITERATIONS = 30
 STEP_TOL = 1e-7  # on the last Newton step, relative; the error after it is its square
 DIVERGED = 1e6  # size of a step
 MOMENT_FLOOR = 1e-3  # of E I(0) / L: smaller moments do not count as relative, for tiny loads
-_ENDS = np.array([0.0, 1.0])
 
 
 def newton(rods: RodBatch, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,5 +83,6 @@ def compressed(rods: RodBatch, states: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         (rate,) = evaluate(rates(), states[..., 1:, :], *rods.arguments)
         zeta = extension(states[..., 1:, ORIENTATION], rate[..., POSITION])
-        ends = np.einsum("ij,bkj->bki", gauss(rods.mesh.degree).from_nodes(_ENDS), zeta)
+        to_ends = gauss(rods.mesh.degree).from_nodes(np.array([0.0, 1.0]))
+        ends = np.einsum("ij,bkj->bki", to_ends, zeta)
     return np.asarray(np.any(zeta <= 0, axis=(1, 2)) | np.any(ends <= 0, axis=(1, 2)))

@@ -1,4 +1,4 @@
-"""Shapes known at a few points, as `ShapeMap` returns them."""
+"""Shapes at a few points of the trunk, as `ShapeMap` returns them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from ..model.quaternions import directors
+from ..model.quaternions import director_rows
+from .equations import MOMENT, ORIENTATION, POSITION
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class PointShapes:
     """Shapes at a few points, with any leading batch axes (...).
 
-    Z : (n,) in m; the last is the tip.
-    path : (..., n, 10), of each point q (4), m (3) in N m, r (3) in m.
+    Attributes
+    ----------
+    Z : (n,)
+        Points in m; the last is the tip.
+    path : (..., n, 10)
+        At each point q (4), m (3) in N m, r (3) in m.
     """
 
     Z: np.ndarray
@@ -33,29 +38,28 @@ class PointShapes:
 
     @property
     def found(self) -> np.ndarray:
-        """Whether there is a shape, (...,); see `ShapeMap`'s `strict`."""
+        """Whether an equilibrium was found, (...,); see `ShapeMap`'s `strict`."""
         return np.isfinite(self.path).all(axis=(-1, -2))
 
     @property
     def position(self) -> np.ndarray:
         """Centerline (..., n, 3) in m."""
-        return self.path[..., 7:]
+        return self.path[..., POSITION]
 
     @property
     def orientation(self) -> np.ndarray:
         """Quaternions (..., n, 4) of the director frame, scalar first."""
-        return self.path[..., :4]
+        return self.path[..., ORIENTATION]
 
     @property
     def moment(self) -> np.ndarray:
         """Internal moment (..., n, 3) N m, in the directors."""
-        return self.path[..., 4:7]
+        return self.path[..., MOMENT]
 
     @property
     def directors(self) -> np.ndarray:
         """Directors (..., n, 3, 3): row i is d_i in space axes."""
-        rows = directors(tuple(np.moveaxis(self.orientation, -1, 0)))
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        return director_rows(self.orientation)
 
     @property
     def defect(self) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..model.activation import mean_extension, segment_at, stiffness
 from ..model.anatomy import Trunk
-from ..model.quaternions import directors
+from ..model.quaternions import director_rows
 from .collocation import Mesh, gauss
 from .equations import MOMENT, ORIENTATION, STATES, loaded_curvature
 
@@ -42,12 +42,12 @@ class Shape:
         return Shape(self.trunk, self.mesh, *(array[index] for array in self._arrays))
 
     @staticmethod
-    def stack(shapes: Sequence[Shape]) -> Shape:
-        """Shapes of one trunk as a batch with a new first axis, on the mesh of the first."""
-        first = shapes[0]
-        matched = [shape if shape.mesh == first.mesh else shape.on(first.mesh) for shape in shapes]
-        arrays = zip(*(shape._arrays for shape in matched), strict=True)
-        return Shape(first.trunk, first.mesh, *map(np.stack, arrays))
+    def stack(shapes: Sequence[Shape], mesh: Mesh | None = None) -> Shape:
+        """Shapes of one trunk as a batch with a new first axis; by default on the first's mesh."""
+        mesh = mesh or shapes[0].mesh
+        on_mesh = [shape if shape.mesh == mesh else shape.on(mesh) for shape in shapes]
+        arrays = zip(*(shape._arrays for shape in on_mesh), strict=True)
+        return Shape(shapes[0].trunk, mesh, *map(np.stack, arrays))
 
     def position(self, Z: np.ndarray) -> np.ndarray:
         """Centerline r(Z), (..., n, 3) m, at points Z (n,) in m."""
@@ -60,8 +60,7 @@ class Shape:
         """Directors, (..., n, 3, 3): row i is d_i in space axes."""
         q = self.state(Z)[..., ORIENTATION]
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        rows = directors(tuple(np.moveaxis(q, -1, 0)))
-        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        return director_rows(q)
 
     def moment(self, Z: np.ndarray) -> np.ndarray:
         """Internal moment m(Z), (..., n, 3) N m, in the directors."""
@@ -158,6 +157,6 @@ def defects(states: np.ndarray) -> np.ndarray:
 
 def extension(q: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Extension (...) of a rod with dr/dZ (..., 3) along d_3 of quaternions (..., 4)."""
-    d3 = np.stack(directors(tuple(np.moveaxis(q, -1, 0)))[2], axis=-1)
+    d3 = director_rows(q)[..., 2, :]
     norm = np.sum(d3**2, axis=-1)  # not quite 1 between the edges of elements
     return np.asarray(np.sum(slope * d3, axis=-1) / norm)

@@ -1,13 +1,18 @@
 """Compiled equilibrium shapes: multiple shooting along the trunk, in microseconds. Needs numba.
 
-Unknowns are the states at the edges of integration steps, each step one of the eighth-order
+The unknowns are the states at the edges of integration steps, each one step of the eighth-order
 method of Dormand & Prince; Newton's method starts from the unloaded shape, known in closed form.
-All directions but four are condensed while marching (Schloeder's trick: Bock & Plitt 1984;
-Schloeder 1988): the three of m(0), and one that carries the gaps between steps. So a Newton
-step costs as little as single shooting's, and converges from as far as collocation's.
+Marching from base to tip carries only four directions of the state (Schloeder's trick: Bock &
+Plitt 1984; Schloeder 1988): the three of m(0), and one for the gaps between steps. So a Newton
+step costs as little as in single shooting, and converges from as far away as collocation does.
 
-The rod's equations and their derivatives are `rod.rates`, translated from CasADi's instructions,
-so they stand in one place.
+The rod's equations and their derivatives are translated from the instructions of
+`equations.rates`, so that they are written once. Two kernels need a few of its terms alone and
+repeat them: `_unloaded`, and `_least_stretch` with the strain law of eq. (15). Numba cannot call
+CasADi, nor take slices as constants: 0-3 are q, 4-6 m and 7-9 r, as in `equations`.
+
+Loops are written out because numba then allocates nothing; calls on small arrays would take
+longer than their arithmetic.
 """
 
 from __future__ import annotations
@@ -21,21 +26,24 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from .._support.casadi_to_python import python_source
-from .equations import RATES, STATES, rates
+from .equations import ARGUMENTS, MEAN, PARAMETERS, RATES, STATES, STRAINS, rate_arguments, rates
 
 STAGES = 12
-PATH = 10  # q, m, r at a step's edge
+PATH = RATES  # q, m, r at a step's edge
 COLUMNS = 4  # tangents marched together
-VARIED = 12  # what they vary: the state and five strains
+VARIED = STATES + STRAINS  # the arguments that tangents vary
 _A = np.ascontiguousarray(DOP853.A[:STAGES, :STAGES])
 _B = np.ascontiguousarray(DOP853.B)
 NODES = np.ascontiguousarray(DOP853.C[:STAGES])
 
 MAX_ITERATIONS = 25
-TOLERANCE = 1e-4  # on the last Newton step, relative; the error after it is its square
-SMALLEST_LOAD_STEP = 1e-4
+STEP_TOL = 1e-4  # on the last Newton step, relative; the error after it is its square
+DIVERGED = 1e6  # size of a step
+FIRST_LOAD_STEP = 0.25
+MIN_LOAD_STEP = 1e-4
 
-# NaN and infinity keep their meaning, which tell a Newton iteration that has gone astray.
+# Not "nnan" and "ninf": NaN and infinity must keep their meaning, as they reveal a Newton iteration
+# that diverges. Division by zero gives infinity instead of raising.
 _compile: Any = numba.njit(
     error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz", "arcp"}
 )
@@ -46,12 +54,12 @@ def _directional_rates() -> Any:
 
     D (12 x 4), by columns: four directions of the state (7) and the strains (5).
     """
-    w, p, D = ca.SX.sym("w", 15), ca.SX.sym("p", 11), ca.SX.sym("D", VARIED, COLUMNS)
+    (w, p), D = rate_arguments(), ca.SX.sym("D", VARIED, COLUMNS)
     value = rates()(w, p)
     along = ca.densify(ca.mtimes(ca.jacobian(value, w)[:, :VARIED], D))
     namespace: dict[str, Any] = {}
     function = ca.Function("directional_rates", [w, p, D], [value, along])
-    exec(python_source(function, "directional_rates"), namespace)  # written by us, just above
+    exec(python_source(function, "directional_rates"), namespace)  # source made just above
     return _compile(namespace["directional_rates"])
 
 
@@ -60,9 +68,11 @@ directional_rates = _directional_rates()
 
 @_compile
 def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
-    """One step from a state x (10) with tangents T (4, 10) to `end` with T_end.
+    """One step from x (10) with tangents T (4, 10) to `end` (10) with T_end (4, 10).
 
-    D (48): the directions for `directional_rates`; its strains are the caller's.
+    D (48): the directions for `directional_rates`; the caller sets those of the strains.
+    w (15): the caller sets strains and mean extension. The load, in p from its sixth entry on and
+    tip force included, is scaled by `fraction`; w's own tip force stays zero.
     """
     for s in range(STAGES):
         for i in range(STATES):
@@ -95,10 +105,14 @@ def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
 
 @_compile
 def _newton(path, fraction, w, points, h, strain, segment, floor):
-    """Newton's method on the path (n + 1, 10) of one rod, in place; whether it converged."""
+    """Newton's method on the path (n + 1, 10) of one rod, in place; whether it converged.
+
+    Each tangent T[e, c] is the change of the path at edge e per unit of alpha, beta, gamma (the
+    change of m(0)), and for the last, c = 3, the change that closes all gaps up to e.
+    """
     n = h.size
     T, end, D = np.zeros((n + 1, COLUMNS, PATH)), np.empty(PATH), np.zeros(COLUMNS * VARIED)
-    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(11)
+    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(PARAMETERS)
     for c in range(3):
         T[0, c, 4 + c] = 1.0
     for _ in range(MAX_ITERATIONS):
@@ -108,14 +122,15 @@ def _newton(path, fraction, w, points, h, strain, segment, floor):
             _march(path[e], T[e], end, T[e + 1], D, w, points[e], fraction, h[e], k, kT, p)
             for i in range(PATH):
                 T[e + 1, 3, i] += end[i] - path[e + 1, i]
-        # m(L) vanishes after the step: three equations for the change of m(0), by Cramer's rule.
+        # m(L) = 0 after the step: three equations for the change of m(0), by Cramer's rule, which
+        # needs no pivots and no memory.
         m1, m2, m3 = T[n, 0, 4:7], T[n, 1, 4:7], T[n, 2, 4:7]
         rest = -path[n, 4:7] - T[n, 3, 4:7]
         volume = _triple(m1, m2, m3)
         alpha, beta, gamma = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
         alpha, beta, gamma = alpha / volume, beta / volume, gamma / volume
         if not abs(alpha) + abs(beta) + abs(gamma) < np.inf:
-            return False  # max() below passes NaN over
+            return False  # max() below would ignore NaN
         turn, moment, largest = 0.0, 0.0, floor
         for e in range(n + 1):
             for i in range(PATH):
@@ -127,9 +142,9 @@ def _newton(path, fraction, w, points, h, strain, segment, floor):
                     moment = max(moment, abs(change))
                     largest = max(largest, abs(path[e, i]))
         size = turn + moment / largest
-        if size < TOLERANCE:
+        if size < STEP_TOL:
             return True
-        if not size < 1e6:
+        if not size < DIVERGED:
             return False
     return False
 
@@ -146,7 +161,7 @@ def _triple(a, b, c):
 
 @_compile
 def _unloaded(path, strain, segment, edges, taper, k):
-    """Unloaded path from its first point on: one conical spiral a step; see `unloaded`."""
+    """Unloaded path from its first point on: one conical spiral per step; see `unloaded`."""
     for e in range(edges.size - 1):
         zeta, c1, c2, c3 = strain[segment[e]]
         width, f = edges[e + 1] - edges[e], taper[e]
@@ -157,7 +172,7 @@ def _unloaded(path, strain, segment, edges, taper, k):
         angle = bend * zeta * length
         real, imaginary = _expm1_over(-k * length, angle)
         real, imaginary = f * length * real, f * length * imaginary
-        # In the body frame at the start: along the axis, and the wave across it.
+        # In the body frame at the start: the axis's share of e_3, and a wave across the axis.
         along = a3 * (width - real)
         r1 = zeta * (along * a1 + imaginary * a2)
         r2 = zeta * (along * a2 - imaginary * a1)
@@ -180,7 +195,7 @@ def _unloaded(path, strain, segment, edges, taper, k):
 def _expm1_over(x, y):
     """(exp(z) - 1) / z of z = x + i y, real and imaginary part."""
     square = x * x + y * y
-    if square < 0.01:  # twelve terms of the series, where the difference would cancel
+    if square < 0.01:  # twelve terms of the series: exp(z) - 1 would lose digits
         real, imaginary = 1.0, 0.0
         for n in range(12, 1, -1):
             real, imaginary = 1.0 + (x * real - y * imaginary) / n, (x * imaginary + y * real) / n
@@ -199,29 +214,33 @@ def unloaded_paths(paths, strain, segment, edges, taper, k):
 
 @_compile
 def _raise_load(path, start, w, points, h, strain, segment, floor):
-    """Path at the full load, from `start` at none, in steps of the load; the share reached."""
-    reached, ahead = 0.0, 0.25
+    """Raise the load in steps from `start`, without load; path in place, returns the share reached.
+
+    As `continuation.raise_load`, on the given steps.
+    """
+    reached, ahead = 0.0, FIRST_LOAD_STEP
     _copy(start, path)
     trial = np.empty_like(path)
     while reached < 1.0:
         target = min(1.0, reached + ahead)
         _copy(path, trial)
         found = _newton(trial, target, w, points, h, strain, segment, floor)
-        if found and _least_stretch(trial, target, w[11], points) > 0.0:
+        if found and _least_stretch(trial, target, w[MEAN], points) > 0.0:
             _copy(trial, path)
             reached, ahead = target, 2 * ahead
         else:
             ahead /= 2
-            if ahead < SMALLEST_LOAD_STEP:
+            if ahead < MIN_LOAD_STEP:
                 break
     return reached
 
 
 @_compile
 def _least_stretch(path, fraction, mean, points):
-    """Least zeta / zeta_hat along a path, at the stages of its steps: what the loads leave.
+    """Least zeta / zeta_hat (eq. 15) along a path, at the stages of its steps.
 
-    Between the ends of a step its quaternions are taken as linear; zeta varies less than they do.
+    Quaternions are interpolated linearly within a step. That is enough to find a compressed trunk,
+    as zeta varies less than they do; `size` makes up for the norm that interpolation loses.
     """
     least = np.inf
     for e in range(path.shape[0] - 1):
@@ -234,7 +253,7 @@ def _least_stretch(path, fraction, mean, points):
             along = 2 * (q1 * q3 + q0 * q2) * V1 + 2 * (q2 * q3 - q0 * q1) * V2
             along += (q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3) * V3
             stretch = 1.0 + fraction * along * mean / (size * points[e, s, 1])
-            if not stretch >= least:  # NaN as well
+            if not stretch >= least:  # true for NaN, which must not pass
                 least = stretch
     return least
 
@@ -257,12 +276,12 @@ def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached
 
     starts : unloaded paths, from which the load is raised where a guess does not converge
     points : (n, 12, 11), parameters p of `rates` at the stages of every step, tip force included
-    floor : moment in N m below which Newton's steps count as absolute
-    reached : (B,), share of the load at which an equilibrium was found
+    floor : moment in N m; Newton steps of smaller moments are measured against it
+    reached : (B,), share of the load at which an equilibrium was found; set here
     """
-    w = np.zeros(15)
+    w = np.zeros(ARGUMENTS)
     for b in range(paths.shape[0]):
-        w[11] = mean[b]
+        w[MEAN] = mean[b]
         reached[b] = 1.0
         found = _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor)
         if not (found and _least_stretch(paths[b], 1.0, mean[b], points) > 0.0):
@@ -275,12 +294,15 @@ def tangent_paths(paths, mean, points, h, strain, segment, base_slopes, T, gap):
 
     The groups of four columns: m(0) and the mean extension; both head angles, by
     `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains.
-    gap : (B,), largest mismatch in q between a step's end and the path: the error of a step.
+    gap : (B,), set to the largest mismatch in q between a step's end and the path: the error of a
+    step.
+
+    Groups of four, as `_march` is compiled for four columns.
     """
-    end, w, D = np.empty(PATH), np.zeros(15), np.zeros(COLUMNS * VARIED)
-    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(11)
+    end, w, D = np.empty(PATH), np.zeros(ARGUMENTS), np.zeros(COLUMNS * VARIED)
+    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(PARAMETERS)
     for b in range(paths.shape[0]):
-        w[11], gap[b] = mean[b], 0.0
+        w[MEAN], gap[b] = mean[b], 0.0
         for group in range(T.shape[1]):
             _first_tangents(T[b, group, 0], D, group, base_slopes[b])
             for e in range(h.size):

@@ -1,6 +1,6 @@
-"""How the tip of a loaded trunk follows its muscles and head: exact derivatives of statics.
+"""Derivatives of the tip of a loaded trunk by its muscles and head angles.
 
-The collocation equations of `statics`, differentiated by activations and head angles (implicit
+The collocation equations of `statics` are differentiated by activations and head angles (implicit
 function theorem) and solved with the same condensed elements: one linear solve, exact for the
 collocated trunk.
 """
@@ -14,28 +14,15 @@ import numpy as np
 
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError
-from ..model.activation import mean_extension, segment_at, segment_fractions, strain_matrix
-from ..model.anatomy import Head
-from ..model.head import base_pose
+from ..model.activation import segment_at, segment_fractions, strain_matrix
+from ..model.head import base_slopes
 from ..model.loads import Loads
-from ..model.quaternions import directors
+from ..model.quaternions import tangent_slope
 from .arguments import check_controls
 from .collocation import gauss
 from .condensed import condense
-from .equations import (
-    ARGUMENTS,
-    MEAN,
-    ORIENTATION,
-    POSITION,
-    RATES,
-    STATES,
-    STRAIN,
-    STRAINS,
-    TIP_FORCE,
-    point_parameters,
-    rate_arguments,
-    rates,
-)
+from .equations import ORIENTATION, POSITION, RATES, STATES, STRAINS, rate_arguments, rates
+from .rod_batch import RodBatch, evaluate
 from .shape import Shape
 
 
@@ -69,7 +56,10 @@ def tip_jacobian(
     activation, head = check_controls(trunk, activation, head)
     if shape.states.ndim != 3 or activation.ndim != 1 or head.ndim != 1:
         raise InputError("shape, activation, head: expected one of each, no batch.")
-    by_state, by_strain = _rate_slopes(shape, loads)
+    rod = RodBatch(trunk, mesh, activation[None], head[None], [loads])
+    (columns,) = evaluate(_rates_jacobian(), shape.states[None, :, 1:], *rod.arguments)
+    jacobian = columns[0].reshape(mesh.elements, mesh.degree, STATES + STRAINS, RATES)
+    by_state, by_strain = np.split(jacobian.swapaxes(-1, -2), [STATES], axis=-1)
     forced = by_strain @ _strain_slopes(shape)[:, None]  # (E, d, 10, muscles + 2)
     h, element = mesh.widths[:, None, None, None], gauss(mesh.degree)
     elements = condense(mesh, by_state[None, ..., :STATES, :], (h * forced)[None, ..., :STATES, :])
@@ -90,24 +80,9 @@ def tip_jacobian(
     return position, tangent_slope(q) @ edges[0, -1, ORIENTATION]
 
 
-def _rate_slopes(shape: Shape, loads: Loads) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the rates: by state (E, d, 10, 7), by strain (E, d, 10, 5)."""
-    trunk, mesh = shape.trunk, shape.mesh
-    E, d = mesh.elements, mesh.degree
-    w = np.empty((E, d, ARGUMENTS))
-    w[..., :STATES] = shape.states[:, 1:]
-    w[..., STRAIN] = shape.intrinsic[segment_at(trunk, mesh.points[:, 0])][:, None]
-    w[..., MEAN] = mean_extension(trunk, shape.intrinsic)
-    w[..., TIP_FORCE] = loads.tip_force
-    p = point_parameters(trunk, loads, mesh.points.ravel())
-    columns = np.asarray(_rates_jacobian()(w.reshape(-1, ARGUMENTS).T, p)).T
-    jacobian = columns.reshape(E, d, STATES + STRAINS, RATES).swapaxes(-1, -2)
-    return jacobian[..., :STATES], jacobian[..., STATES:]
-
-
 @cache
 def _rates_jacobian() -> ca.Function:
-    """Jacobian of `rates` by states and strains, column by column."""
+    """Jacobian of `rates` by states (7) and strains (5), column by column."""
     w, p = rate_arguments()
     jacobian = ca.jacobian(rates()(w, p), w)[:, : STATES + STRAINS]
     return ca.Function("rates_jacobian", [w, p], [ca.vec(ca.densify(jacobian))])
@@ -120,22 +95,3 @@ def _strain_slopes(shape: Shape) -> np.ndarray:
     slopes[:, :4, :-2] = A[segment_at(shape.trunk, shape.mesh.points[:, 0])]
     slopes[:, 4, :-2] = segment_fractions(shape.trunk) @ A[:, 0]
     return slopes
-
-
-def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of r_0 (..., 3, 2) and q_0 (..., 4, 2) by head angles (..., 2): exact.
-
-    By complex step, as the pose is analytic in the angles.
-    """
-    step = 1e-30
-    varied = angles[..., None] + 1j * step * np.eye(2)
-    r, q = base_pose(head, varied[..., 0, :], varied[..., 1, :])
-    return np.imag(np.stack(r, axis=-2)) / step, np.imag(np.stack(q, axis=-2)) / step
-
-
-def tangent_slope(q: np.ndarray) -> np.ndarray:
-    """Derivative (..., 3, 4) of d_3 by a unit quaternion (..., 4)."""
-    step = 1e-30
-    varied = q[..., None] + 1j * step * np.eye(4)
-    d3 = directors(tuple(np.moveaxis(varied, -2, 0)))[2]
-    return np.imag(np.stack(d3, axis=-2)) / step

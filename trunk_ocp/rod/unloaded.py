@@ -1,7 +1,7 @@
 """The unloaded trunk in closed form: one conical spiral for each segment.
 
-Without loads u_hat = c / f(Z) keeps its direction in the body frame within a segment, so the
-frame turns about a fixed axis by kappa * l with kappa = |c| zeta_hat and the stretched
+Without loads u_hat = c / f(Z) keeps its direction in the body frame within a segment. So the
+frame turns about a fixed axis by kappa * l, with kappa = |c| zeta_hat and the stretched
 coordinate l(Z) = ln(f(Z_1) / f(Z)) / k, and the centerline integrates to elementary functions.
 """
 
@@ -26,7 +26,12 @@ def unloaded_states(
     head : (..., 2)
         psi_Z, psi_Y in radians.
     Z : (n,)
-        In m from the base, each in [0, L].
+        In m from the base, each in [0, L], in any order.
+
+    Raises
+    ------
+    InputError
+        For activations of a wrong shape, or not finite.
     """
     activation = check_activation(trunk, activation)
     head, Z = np.asarray(head, dtype=float), np.asarray(Z, dtype=float)
@@ -38,8 +43,8 @@ def unloaded_states(
     position, orientation = np.empty((*shape, Z.size, 3)), np.empty((*shape, Z.size, 4))
     for i, (start, end) in enumerate(zip(trunk.edges[:-1], trunk.edges[1:], strict=True)):
         inside = (Z > start) & (Z <= end) if i else Z <= end
-        at = np.append(Z[inside], end)
-        r_at, q_at = _spiral(trunk, strain[..., i, :], start, at)
+        points = np.append(Z[inside], end)  # the end carries on to the next segment
+        r_at, q_at = _spiral(trunk, strain[..., i, :], start, points)
         r_at = r[..., None, :] + _rotate(q[..., None, :], r_at)
         q_at = np.stack(product(_parts(q[..., None, :]), _parts(q_at)), axis=-1)
         position[..., inside, :], orientation[..., inside, :] = r_at[..., :-1, :], q_at[..., :-1, :]
@@ -62,7 +67,8 @@ def _spiral(
     turn = np.concatenate(
         [np.cos(half)[..., None], np.sin(half)[..., None] * axis[..., None, :]], axis=-1
     )
-    # Integral over Z of exp(i kappa l) as a whole: smooth for k -> 0 and for kappa -> 0.
+    # Integral over Z of exp(i kappa l): f = f_1 exp(-k l), so dZ = f_1 exp(-k l) dl. Written with
+    # expm1(z) / z, it has the right limits for k -> 0 and kappa -> 0.
     z = (1j * kappa - k) * length
     wave = f1 * length * _ratio(np.expm1(z), z)
     along = axis * axis[..., 2:]  # axis (axis . e3)
@@ -87,6 +93,6 @@ def _parts(q: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Body components v (..., 3) to space axes."""
+    """Components v (..., 3) in the directors, turned to space axes."""
     rows = directors(_parts(q))
     return sum(v[..., i, None] * np.stack(np.broadcast_arrays(*rows[i]), axis=-1) for i in range(3))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError, StaticsError
 from ..planning.plan import Plan, Sample
-from ..rod.collocation import Mesh
 from ..rod.shape import Shape
 
 NEAR = 0.03 / 1.75  # of the trunk's length, between it and the mean of its neighbors' positions
@@ -124,7 +123,7 @@ def _keyframes(
     steps = plan.times.tolist()
     rest = plan.sample(0.0)
     times, activation, held = [0.0], [rest.activation], [False]
-    shapes = [_batch_of_one(rest.shape, plan.mesh)]
+    shapes = [rest.shape]
     for i, (moments, hold) in enumerate(zip(between, _held(plan), strict=True)):
         after = jumped.get(steps[i])
         if after is not None:
@@ -134,23 +133,11 @@ def _keyframes(
         for time, gamma, shape in moments:
             times.append(time)
             activation.append(gamma)
-            shapes.append(_batch_of_one(shape, plan.mesh))
+            shapes.append(shape)
             held.append(False)
         times.append(steps[i + 1])
         activation.append(plan.activations[i])
-        shapes.append(plan.part(i, i + 1))
+        shapes.append(plan.shape[i])
         held.append(hold)
-    joined = replace(
-        plan.shape,
-        states=np.concatenate([shape.states for shape in shapes]),
-        edges=np.concatenate([shape.edges for shape in shapes]),
-        slopes=np.concatenate([shape.slopes for shape in shapes]),
-    )
-    return Keyframes(np.array(times), np.array(activation), joined, np.array(held))
-
-
-def _batch_of_one(shape: Shape, mesh: Mesh) -> Shape:
-    shape = shape if shape.mesh == mesh else shape.on(mesh)
-    return replace(
-        shape, states=shape.states[None], edges=shape.edges[None], slopes=shape.slopes[None]
-    )
+    stacked = Shape.stack(shapes, plan.mesh)
+    return Keyframes(np.array(times), np.array(activation), stacked, np.array(held))

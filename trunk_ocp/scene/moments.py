@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,17 +70,11 @@ def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
         if time == 0 and not after:
             trunk = plan.motion.trunk
             rest = Loads(plan.motion.gravity)
-            return _batch(solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=rest))
+            return Shape.stack([solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=rest)])
         at = float(steps[same[0]]) if same.size else time
-        return _batch(plan.sample(at, after=after).shape)
+        return Shape.stack([plan.sample(at, after=after).shape])
     except TrunkError:
         return None
-
-
-def _batch(shape: Shape) -> Shape:
-    return replace(
-        shape, states=shape.states[None], edges=shape.edges[None], slopes=shape.slopes[None]
-    )
 
 
 def within_phase(plan: Plan, number: int, count: int = 4) -> np.ndarray:

@@ -11,7 +11,7 @@ import base64
 import contextlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,7 +48,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
     trunk = plan.motion.trunk
     samples = _samples(plan)
     grid = section_grid(trunk)
-    shape = _stacked([sample.shape for sample in samples])
+    shape = Shape.stack([sample.shape for sample in samples])
     motion, J = plan.motion, plan.objective.paper
     return {
         "mode": plan.mode,
@@ -111,16 +111,6 @@ def _held(motion: Motion, times: Sequence[float]) -> list[bool]:
         motion.phases[number].interpolation == "none"
         for number in np.searchsorted(ends, middles).tolist()
     ]
-
-
-def _stacked(shapes: list[Shape]) -> Shape:
-    """Single shapes on one mesh as one with a batch axis."""
-    return replace(
-        shapes[0],
-        states=np.stack([shape.states for shape in shapes]),
-        edges=np.stack([shape.edges for shape in shapes]),
-        slopes=np.stack([shape.slopes for shape in shapes]),
-    )
 
 
 @dataclass(frozen=True, eq=False)
