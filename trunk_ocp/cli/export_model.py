@@ -25,7 +25,7 @@ def _points(
     try:
         return tuple(float(word) for word in text.split(",")) if text is not None else ()
     except ValueError:
-        raise click.BadParameter(f"{text!r}: expected points in m, such as 0.9,1.75.") from None
+        raise click.BadParameter(f"{text!r}: expected numbers in m, such as 0.9,1.75.") from None
 
 
 @click.command("export")
@@ -130,6 +130,6 @@ def _check(console: Console, folder: Path, to: str, what: str) -> None:
         with console.status(f"checking: {FORMATS[to].about}"):
             report = check_export(folder, to, what)
     except CheckError as error:
-        click.echo(f"Error: {folder}: the export fails its check.\n{error}", err=True)
+        click.echo(f"Error: {folder}: the export does not pass its check.\n{error}", err=True)
         sys.exit(NOT_VERIFIED)
     console.print(report.rstrip(), markup=False, soft_wrap=True)

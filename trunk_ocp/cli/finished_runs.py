@@ -59,7 +59,7 @@ def _explain(plan: Plan, folder: Path, console: Console) -> object:
     if diagnosis.history:
         console.print(history_table(diagnosis))
     if sentences := effects(diagnosis.responses, plan.motion.trunk.length):
-        console.print(RESPONSES)
+        console.print(RESPONSES, soft_wrap=True)
         for sentence in sentences:
             print_plain(console, f"    {sentence}")
     return diagnosis.as_json()

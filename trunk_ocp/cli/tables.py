@@ -223,7 +223,14 @@ cost / best: tracking + effort + rate, relative to the best horizon"""
 
 def _plain_table(title: str, names: Sequence[str], caption: str | None = None) -> Table:
     """A dense table whose columns keep their width: words left-aligned, numbers right-aligned."""
-    table = Table(title=title, caption=caption, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+    table = Table(
+        title=title,
+        caption=caption,
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+    )
     for name in names:
         left = name in ("way", "status")
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
@@ -301,7 +308,7 @@ LEGEND = f"""\
 For the planned shapes, unchanged (activations without sign):
 must work: needed at some step (at {AT_REST:g} or more)
 free: could rest at any one step, but not at all of them
-can be off: could rest throughout, if the other muscles take over
+can be off: could rest throughout (any one of these muscles, not all together)
 determined: has no freedom at any step
 range: width of the possible activations, at the steps where it is narrowest and widest
 at least: what the muscle must do at some step
@@ -318,6 +325,7 @@ def redundancy_table(result: Redundancy) -> Table:
     table = Table(
         title=f"{plan.motion.name}, {plan.mode}: the same motion with other muscles",
         caption=LEGEND + (LEGEND_NEEDED if result.needs else ""),
+        caption_justify="left",
         box=SIMPLE_HEAD,
         padding=0,
         pad_edge=False,
