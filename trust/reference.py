@@ -1,6 +1,6 @@
-"""The paper written out a second time, in plain NumPy and scipy: what the tests compare with.
+"""An independent implementation of the paper in NumPy and scipy, for comparisons in tests.
 
-Nothing here calls the package; it only reads the data of a trunk and of loads. The frame is
+Nothing here calls the package; it only reads the data of trunks and loads. The frame is
 a rotation matrix with rows d_i (the package uses quaternions), strains come from adaptive
 quadrature (the package uses a Gauss rule), and the rod is integrated by a Runge-Kutta code.
 """
@@ -174,7 +174,7 @@ def shoot(trunk, activation, head, load, guess, rtol=1e-12):
     return found.x
 
 
-# DESIGN section 2: computed by two independent codes, printed to six decimals.
+# Computed by two independent codes, to six decimals.
 UNIT_RESPONSES = {
     "R1-dl": (0.126081, 2.487782, -2.124715, 0),
     "R1-ovo": (0.032572, 0.679031, 0.679039, -0.981985),

@@ -12,7 +12,7 @@ from trunk_ocp.model.anatomy import build_trunk, read_anatomy
 from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.rod.statics import solve_statics
 
-from .case import Case, HeldByTest, Values, flat
+from .case import Case, CoveredByTest, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "Invariances"
@@ -76,7 +76,7 @@ def mirror() -> Values:
 
 
 def superposition() -> Values:
-    """Strain of a sum of activations beside the sum of strains."""
+    """Strain of a sum of activations, and the sum of their strains."""
     trunk = elephant()
     one, two = contractions(trunk, 2, seed=55)
     at = np.linspace(0, 1.75, 40)
@@ -113,7 +113,7 @@ NEWTON = "Newton's last step, 1e-7 of the shape, squared"
 CASES = (
     Case(
         SUBJECT,
-        "Head and all loads turned about the vertical: positions, directors, moments",
+        "Head and all loads rotated about the vertical: positions, directors, moments",
         "objectivity",
         lambda: rotation((0.7, 0.0), vertical=True),
         1e-12,
@@ -122,7 +122,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Head and all loads turned about any axis the head has, no weight",
+        "Head and all loads rotated about any axis of the head, no gravity",
         "objectivity",
         lambda: rotation((0.7, -0.5), vertical=False),
         1e-12,
@@ -140,7 +140,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Strains of two activations together",
+        "Strains of the sum of two activations",
         "eqs. (5), (24): superposition",
         superposition,
         1e-13,
@@ -149,20 +149,20 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "A trunk 3 times as long, 0.2 times as stiff, loads to match: the same shape",
+        "A trunk 3 times as long and 0.2 times as stiff, loads scaled: same shape",
         "dimensional analysis",
         similarity,
         1e-12,
         NEWTON,
         "m",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "16 directions of activation that change no loaded shape",
         "null space of the strain map by adaptive quadrature",
         "tests/rod/test_statics.py::test_directions_that_change_no_strain_change_no_loaded_shape",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "|q| = 1 at element edges, however coarse the mesh",
         "Gauss methods keep quadratic invariants (Hairer, Lubich & Wanner, IV.2)",
