@@ -27,7 +27,7 @@ from scipy.integrate import solve_bvp
 
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk
-from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.loads import Loads, Vector, vector
 from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.state import Options
@@ -218,14 +218,14 @@ def anatomy(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def tip_force(rng: np.random.Generator, trunk: Trunk) -> list[float]:
+def tip_force(rng: np.random.Generator, trunk: Trunk) -> Vector:
     """A tip force of 0.1 to 10 times E I / L^2 in a random direction, or a thrust or pull."""
     scale = trunk.youngs_modulus * math.pi / 4 * trunk.base_radius**4 / trunk.length**2
     ends = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]
     direction = rng.normal(size=3) if rng.uniform() < 0.6 else np.array(ends[int(rng.integers(2))])
     tip = 1 - trunk.length * trunk.tan_taper / trunk.base_radius
     size = scale * 10 ** rng.uniform(-1, 1) * float(rng.choice([1.0, tip**2, tip**4]))
-    return [float(v) for v in size * direction / np.linalg.norm(direction)]
+    return vector(size * direction / np.linalg.norm(direction))
 
 
 def drawn(rng: np.random.Generator) -> tuple[AnatomySpec, Trunk, Array, Loads]:
@@ -238,7 +238,7 @@ def drawn(rng: np.random.Generator) -> tuple[AnatomySpec, Trunk, Array, Loads]:
         sag = trunk.density * gravity * trunk.length / trunk.youngs_modulus
         zeta = reference.strains(trunk, activation[None])[0, :, 0]
         if sag < 2.0 and zeta.min() > 0.3:
-            return spec, trunk, activation, Loads(gravity, tuple(tip_force(rng, trunk)))
+            return spec, trunk, activation, Loads(gravity, tip_force(rng, trunk))
 
 
 def _frozen(value: Any) -> Any:

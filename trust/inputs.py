@@ -208,7 +208,7 @@ def limits(draw: st.DrawFn, names: list[str]) -> Table:
     found: Table = {}
     if draw(st.booleans()):
         found["activation"] = draw(pairs(-3.0, 0.0).map(lambda p: [p[0], 0.0]))
-    if names and draw(st.booleans()):
+    if bool(names) and draw(st.booleans()):
         patterns = st.sampled_from([*names, "*", "R*", "*1-*"])
         fitting = patterns.filter(lambda p: p != "R*" or any(n[0] == "R" for n in names))
         fitting = fitting.filter(lambda p: p != "*1-*" or any(n[1] == "1" for n in names))
@@ -224,8 +224,8 @@ def problems(draw: st.DrawFn, anatomy: Table | None) -> Table:
     """A well-formed problem of 1 to 4 steps, for an anatomy or, with None, the elephant."""
     L = ELEPHANT_LENGTH if anatomy is None else anatomy["length"]
     names = ["R1-dl", "L3-vr"] if anatomy is None else muscle_names(anatomy)
-    bounds = {"activation": [-3.0, 0.0], "extension": draw(st.sampled_from([[0.67, 1.35], [1, 2]]))}
-    bounds["extension"] = [float(x) for x in bounds["extension"]]
+    extension = draw(st.sampled_from([[0.67, 1.35], [1.0, 2.0]]))
+    bounds: Table = {"activation": [-3.0, 0.0], "extension": extension}
     contact = draw(st.sampled_from([0.0, 0.5, 0.8, 0.99])) * L
     phases: list[Table] = []
     step = 1

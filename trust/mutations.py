@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -32,9 +32,9 @@ MAX_PLACES = 5000
 
 def places(value: Any, path: Place = ()) -> Iterator[Place]:
     """Paths of all entries of a table or list, nested ones included."""
-    inner = value.items() if isinstance(value, dict) else []
-    inner = enumerate(value) if isinstance(value, list) else inner
-    for key, part in inner:
+    entries: Iterable[tuple[str | int, Any]] = value.items() if isinstance(value, dict) else []
+    entries = enumerate(value) if isinstance(value, list) else entries
+    for key, part in entries:
         yield (*path, key)
         yield from places(part, (*path, key))
 

@@ -78,7 +78,7 @@ def spirals() -> Values:
     )
     position, q = unloaded_states(trunk, activation, head, Z)
     rows = directors(tuple(np.moveaxis(q, -1, 0)))
-    frames = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    frames: np.ndarray = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
     return flat([position, frames], [r, d])
 
 

@@ -21,16 +21,20 @@ COUNT = 5
 
 
 def turned(load: Loads, turn: Rotation) -> Loads:
-    """Every load but the weight turned in space."""
-    names = ("tip_force", "contact_force", "contact_couple")
-    return replace(load, **{name: vector(turn.apply(getattr(load, name))) for name in names})
+    """Loads rotated in space, except the weight."""
+    return replace(
+        load,
+        tip_force=vector(turn.apply(load.tip_force)),
+        contact_force=vector(turn.apply(load.contact_force)),
+        contact_couple=vector(turn.apply(load.contact_couple)),
+    )
 
 
 def rotation(psi: tuple[float, float], vertical: bool) -> Values:
-    """Shapes with head and loads turned beside turned shapes: positions, directors, moments.
+    """Shapes with rotated head and loads, and rotated shapes: positions, directors, moments.
 
-    About the vertical the weight stays as it is; otherwise there is none. The head turns the
-    base about its pivot.
+    A rotation about the vertical leaves the weight unchanged; otherwise there is no gravity. The
+    head rotates the base about its pivot.
     """
     trunk = elephant()
     activation = contractions(trunk, COUNT, seed=54)
