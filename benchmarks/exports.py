@@ -67,19 +67,15 @@ def of_c(
     """Elements and microseconds of the example program, warm and cold."""
     to.export(trunk, "c", folder, at=at, contact_from=contact)
     elements = int(re.search(r"#define TRUNK_ELEMENTS (\d+)", (folder / "trunk.h").read_text())[1])
-    found = {}
+    figures = {}
     for name, flags in COMPILERS.items():
         sources = ["trunk.c", "example.c", "-lm", "-o", "example"]
         subprocess.run(["cc", "-std=c99", *flags, *sources], cwd=folder, check=True)
         runs = [subprocess.check_output("./example", cwd=folder, text=True) for _ in range(RUNS)]
-        medians = [
-            statistics.median(
-                float(re.search(rf"{which}: median ([\d.]+)", output)[1]) for output in runs
-            )
-            for which in ("along a motion", "from anew")
-        ]
-        found[name] = (elements, *medians)
-    return found
+        times = [[float(us) for us in re.findall(r"median ([\d.]+)", run)] for run in runs]
+        warm, cold = (statistics.median(us) for us in zip(*times, strict=True))
+        figures[name] = (elements, warm, cold)
+    return figures
 
 
 def others(trunk: to.Trunk, folder: Path) -> dict[str, tuple[int, float, float]]:
