@@ -159,7 +159,7 @@ class WrapSpec(Strict):
     @model_validator(mode="after")
     def _consistent(self) -> WrapSpec:
         if sum(v is not None for v in (self.center, self.path, self.through)) != 1:
-            raise ValueError("a wrap needs a center or a path or through, and only one of them")
+            raise ValueError("a wrap has either a center or a path of the center, or through")
         if self.through is not None:
             _check_rows(self.through)
         if not self.Z[0] < self.Z[1]:
