@@ -77,7 +77,7 @@ def solve(
     """Plan a motion: which muscles contract when, and how the head moves.
 
     PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of your
-    own (.toml). Planning takes a few seconds for the shipped motions, the figures ten to twenty
+    own (.toml). Planning takes a few seconds for the shipped motions, the figures about ten
     more. Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
     interactive page in DIR. Ctrl-C stops and saves the best plan so far; press it again to quit
     immediately.

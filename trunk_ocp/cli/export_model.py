@@ -84,8 +84,8 @@ def export_command(
 
     The result is source code or a function file that computes shapes and derivatives without
     trunk_ocp: for a controller, an optimizer or a paper. To write a planned motion for Blender,
-    ParaView or OpenSim, use trunk-ocp convert instead. Takes a few seconds; with --check, as
-    long as the compiler or framework needs on top.
+    ParaView or OpenSim, use trunk-ocp convert instead. Takes a few seconds; --check adds the
+    time of the compiler or framework.
 
     Every export includes a check file of inputs and expected outputs.
 

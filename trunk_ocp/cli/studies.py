@@ -40,7 +40,7 @@ lookaheads_option = click.option(
 @click.command("redundancy")
 @click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
 @click.option(
-    "--needed", "ablate", is_flag=True, help="Also replan without each muscle; takes minutes."
+    "--needed", "ablate", is_flag=True, help="Also replan the motion without each muscle."
 )
 @click.option(
     "--out",
@@ -55,7 +55,7 @@ def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: boo
     Computes the range of each muscle's activation that leaves the motion unchanged, and the same
     motion with least effort, least peak activation and fewest muscles; with --needed also how
     much worse the motion gets without each muscle. Writes redundancy.json and figures/redundancy.
-    Takes a few seconds; with --needed, a few minutes.
+    Takes a few seconds; with --needed, half a minute or more.
     """
     console = Console(highlight=False)
     folder, plans = load_run(run)
@@ -153,7 +153,7 @@ def _plan_progress(
     "--max-rate",
     type=Number("rate limit"),
     metavar="R",
-    help="Limit how fast activations change, to R per second over each time step.",
+    help="Limit the rate of change of every activation to R per second.",
 )
 @lookaheads_option
 @no_figures_option
@@ -175,8 +175,8 @@ def compare_command(
     with every lookahead from one time step to all of them, under equal bounds. Limits on strength
     and speed make planning ahead matter more.
 
-    Writes comparison.json, with units and definitions, and a figure. Takes about a minute for a
-    motion of ten time steps and several minutes for pick-fruit, which has 22.
+    Writes comparison.json, with units and definitions, and a figure. Takes 15 seconds for lift-log
+    and about a minute for pick-fruit on one core.
 
     Exit codes: 0 if the horizon plan is solved and verified; otherwise as for solve-motion.
     """
@@ -240,7 +240,8 @@ def survey_command(
     trade-off between smoothness and accuracy, step by step and with the whole horizon, as the
     weight on activation rates grows. Writes survey.json, front.json and their figures.
 
-    Takes minutes: about one per pair of limits for ten time steps, more for pick-fruit.
+    Takes half a minute for lift-log and two minutes for pick-fruit on one core, and about as long
+    as trunk-ocp compare for each further pair of limits.
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
@@ -308,8 +309,8 @@ def optima_command(
     """Look for better local optima than the reported plan, from many starts.
 
     Plans the same motion from N random starts, from the mirror image of the reported plan and
-    from the passive trunk. Writes optima.json. Takes about as long as N runs of solve-motion,
-    divided by the number of processes: a minute or a few.
+    from the passive trunk. Writes optima.json. Takes about a minute for the shipped motions on
+    one core.
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
