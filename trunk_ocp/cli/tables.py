@@ -200,7 +200,7 @@ def _sufficient(result: Foresight) -> str:
 
 SHORT_STATUS = {
     "unverified": "unverif.",
-    "iteration_limit": "iter. limit",
+    "iteration_limit": "max iter",
     "time_limit": "deadline",
     "not_converged": "failed",
     "interrupted": "stopped",
@@ -305,18 +305,19 @@ def _mirrored_row(plan: Plan, optima: Optima) -> int:
 
 
 LEGEND = f"""\
-For the planned shapes, unchanged (activations without sign):
-must work: needed at some step (at {AT_REST:g} or more)
-free: could rest at any one step, but not at all of them
-can be off: could rest throughout (any one of these muscles, not all together)
+For the planned shapes, unchanged (without sign):
+must work: needed at some step (at least {AT_REST:g})
+free: could rest at any one step, but not at all
+can be off: could rest throughout, one muscle at a time
 determined: has no freedom at any step
-range: width of the possible activations, at the steps where it is narrowest and widest
+range: possible activations, narrowest and widest step
 at least: what the muscle must do at some step
-plan, effort, fewest max: largest activation as planned, with least effort, with fewest muscles"""
+plan, effort, fewest max: largest activation as planned,
+  with least effort, and with fewest muscles"""
 LEGEND_NEEDED = """
 For the task, with other shapes allowed:
-cost without: objective without this muscle, relative to the plan's
-worst: largest distance to a target without it; !: not solved"""
+cost without: objective relative to the plan's
+worst: largest distance to a target; !: not solved"""
 
 
 def redundancy_table(result: Redundancy) -> Table:
