@@ -1,1 +1,1 @@
-"""Side-by-side measurements: `make bench`, or `python -m benchmarks.run --quick`."""
+"""Benchmarks and comparisons with other codes: `make bench`."""

@@ -1,8 +1,9 @@
-"""The forward problem by scipy's `solve_bvp`, segments stacked on one unit interval.
+"""The forward problem with scipy's `solve_bvp`, all segments stacked on one unit interval.
 
 On the whole trunk `solve_bvp` does not converge across the jumps between segments. Stacked,
-all segments share one s in [0, 1], each with its own ten states (q, m, r), and meet in boundary
-conditions: base pose (7), free tip (3), continuity. Start: the unloaded shape, as ours.
+all segments share one s in [0, 1], each with its own ten states (q, m, r), and are connected by
+boundary conditions: base pose (7), free tip (3), continuity. The initial guess is the unloaded
+shape, as in our solver.
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ from .common import (
     coarsest,
     distance,
     median,
+    reference_lines,
     run_part,
     sample_points,
     seconds,
-    truth,
 )
-from .forward import ONE
+from .forward import MAX_ERROR
 
 
 @cache
@@ -111,23 +112,23 @@ class Stacked:
 
 
 def error_of(problems: list[Stacked], exact: np.ndarray, tolerance: float) -> float:
-    """Largest error in L, infinite if one did not converge."""
+    """Largest error in L; infinite if one did not converge."""
     Z = sample_points(problems[0].trunk)
-    worst = 0.0
+    largest = 0.0
     for problem, line in zip(problems, exact, strict=True):
         solution = problem.solve(tolerance, True)
         if not solution.success:
             return float("inf")
-        worst = max(worst, distance(problem.position(solution, Z), line))
-    return worst / problems[0].trunk.length
+        largest = max(largest, distance(problem.position(solution, Z), line))
+    return largest / problems[0].trunk.length
 
 
 def stacked(shapes: int = 12, repeats: int = 3) -> dict[str, Any]:
-    """The loosest tolerance whose error is no larger than ours, and its time."""
+    """The loosest tolerance that is as accurate as our solver, and its time."""
     which = cases(shapes)
     problems = [Stacked(which, i) for i in range(shapes)]
-    exact = truth(which)
-    _, ours = coarsest(which, ONE)
+    exact = reference_lines(which)
+    _, ours = coarsest(which, MAX_ERROR)
     tolerance, error = 1e-2, float("inf")
     while error > ours and tolerance > 1e-10:
         tolerance /= 10**0.5
@@ -150,7 +151,7 @@ def stacked(shapes: int = 12, repeats: int = 3) -> dict[str, Any]:
 
 
 def whole(shapes: int = 5) -> dict[str, Any]:
-    """The same without stacking: ten states along the whole trunk, jumps inside."""
+    """The same without stacking: ten states along the whole trunk, with jumps inside."""
     which = cases(shapes)
     converged = 0
     for i in range(shapes):

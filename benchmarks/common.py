@@ -1,6 +1,6 @@
-"""What every script here shares: test cases, timing, and being run as a process of its own.
+"""Shared by all benchmark scripts: test cases, timing, and running as a separate process.
 
-A script has a few parts, functions that return a dictionary of figures. `run_part` runs one of
+A script has a few parts: functions that return a dictionary of figures. `run_part` runs one of
 them in this process and prints its figures, CPU and wall seconds and peak memory as JSON.
 """
 
@@ -46,7 +46,7 @@ class Cases:
 
 
 def cases(count: int, seed: int = 1) -> Cases:
-    """Random contractions within the extension bounds; weight and the fruit's mass at the tip."""
+    """Random contractions within the extension bounds, own weight and the fruit's at the tip."""
     trunk = to.load_anatomy("asian-elephant")
     rng = np.random.default_rng(seed)
     activation = -rng.uniform(size=(count, 1)) * rng.uniform(size=(count, len(trunk.muscles)))
@@ -62,7 +62,7 @@ def sample_points(trunk: to.Trunk) -> np.ndarray:
     return np.linspace(0.0, trunk.length, 101)
 
 
-def truth(which: Cases) -> np.ndarray:
+def reference_lines(which: Cases) -> np.ndarray:
     """Centerlines (n, 101, 3) on a fine mesh."""
     return which.solve(fine_mesh(which)).position(sample_points(which.trunk))
 
@@ -71,8 +71,8 @@ def fine_mesh(which: Cases) -> Mesh:
     return mesh_for(which.trunk, None, 16, 9)
 
 
-def error_of_truth(which: Cases) -> float:
-    """How far DOP853 from the same m(0) is from the fine mesh, in L."""
+def reference_error(which: Cases) -> float:
+    """Difference between the fine mesh and DOP853 from the same m(0), in L."""
     Z, fine = sample_points(which.trunk), which.solve(fine_mesh(which))
     x = np.hstack([which.activation, which.head])
     moment = fine.moment(np.zeros(1))[:, 0]
@@ -86,8 +86,8 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def coarsest(which: Cases, largest_error: float) -> tuple[Mesh, float]:
-    """The mesh with the fewest Gauss points whose error is small enough, and that error in L."""
-    Z, exact = sample_points(which.trunk), truth(which)
+    """The mesh with the fewest Gauss points that is accurate enough, and its error in L."""
+    Z, exact = sample_points(which.trunk), reference_lines(which)
     sizes = sorted(
         ((elements, degree) for elements in range(3, 9) for degree in range(3, 9)),
         key=lambda size: (size[0] * size[1], size[1]),
@@ -101,13 +101,13 @@ def coarsest(which: Cases, largest_error: float) -> tuple[Mesh, float]:
 
 
 def seconds(work: Callable[[], Any], repeats: int) -> list[float]:
-    """Wall seconds of each of some runs."""
-    taken = []
+    """Wall seconds of each of several runs."""
+    durations = []
     for _ in range(repeats):
         began = time.perf_counter()
         work()
-        taken.append(time.perf_counter() - began)
-    return taken
+        durations.append(time.perf_counter() - began)
+    return durations
 
 
 median = statistics.median
@@ -122,7 +122,7 @@ def run_part(parts: dict[str, Callable[..., dict[str, Any]]]) -> None:
         figures = parts[name](**arguments)
     except ImportError as error:
         figures = {"failed": f"does not import here: {error}"}
-    except Exception as error:  # a benchmark that fails is a finding
+    except Exception as error:  # a benchmark that fails is a result
         figures = {"failed": f"{type(error).__name__}: {error}"}
     figures |= {
         "wall_seconds": time.perf_counter() - wall,
@@ -132,11 +132,11 @@ def run_part(parts: dict[str, Callable[..., dict[str, Any]]]) -> None:
     }
     print(MARK + json.dumps(figures), flush=True)
     sys.stdout.flush()
-    os._exit(0)  # some of the libraries measured here do not leave quietly
+    os._exit(0)  # some of the libraries measured here do not exit cleanly
 
 
 def peak_memory() -> float:
-    """Peak resident memory of this process in MB; not the parent's, as ru_maxrss may be."""
+    """Peak resident memory of this process in MB (ru_maxrss may be that of the parent)."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("VmHWM:"):
             return int(line.split()[1]) / 1024

@@ -1,7 +1,7 @@
-"""How long the exported trunk takes: `python -m benchmarks.exports`, a minute on a quiet machine.
+"""Speed of the exported trunk: `python -m benchmarks.exports`, a minute on a quiet machine.
 
-Exports the elephant for 1, 3 and 10 points, with and without contact, compiles what has to be,
-and times a shape with its whole Jacobian. Writes the table of docs/how-to/exports.md.
+Exports the elephant for 1, 3 and 10 points, with and without contact, compiles the C code, and
+times a shape with its whole Jacobian. Writes the table in docs/how-to/exports.md.
 """
 
 from __future__ import annotations
@@ -29,17 +29,19 @@ RUNS = 3
 
 
 def main() -> None:
-    """Time everything and write the table."""
+    """Run all timings and write the table."""
     trunk = to.load_anatomy("asian-elephant")
     lines = [
-        "| program | points Z | contact | elements | near the last shape | from scratch |",
+        "| program | points Z | contact | elements | warm start | cold start |",
         "|---|---|---|---|---|---|",
     ]
     for contact in (None, 1.4):
         for count, at in POINTS.items():
             with tempfile.TemporaryDirectory() as folder:
-                told = of_c(trunk, Path(folder), at, contact)
-            lines += [row(name, count, contact, *figures) for name, figures in told.items()]
+                figures_by_name = of_c(trunk, Path(folder), at, contact)
+            lines += [
+                row(name, count, contact, *figures) for name, figures in figures_by_name.items()
+            ]
             print(lines[-1], flush=True)
     with tempfile.TemporaryDirectory() as folder:
         lines += [row(name, 1, None, *each) for name, each in others(trunk, Path(folder)).items()]
@@ -50,11 +52,11 @@ def main() -> None:
 
 
 def row(
-    name: str, count: int, contact: float | None, elements: int, near: float, anew: float
+    name: str, count: int, contact: float | None, elements: int, warm: float, cold: float
 ) -> str:
-    """A line of the table; times in microseconds."""
+    """A row of the table; times in microseconds."""
     times = " | ".join(
-        f"{us:.0f} µs" if us < 1000 else f"{us / 1000:.0f} ms" for us in (near, anew)
+        f"{us:.0f} µs" if us < 1000 else f"{us / 1000:.0f} ms" for us in (warm, cold)
     )
     return f"| {name} | {count} | {'yes' if contact else 'no'} | {elements} | {times} |"
 
@@ -62,26 +64,22 @@ def row(
 def of_c(
     trunk: to.Trunk, folder: Path, at: list[float], contact: float | None
 ) -> dict[str, tuple[int, float, float]]:
-    """Elements and microseconds of the example program, near the last shape and from scratch."""
+    """Elements and microseconds of the example program, warm and cold."""
     to.export(trunk, "c", folder, at=at, contact_from=contact)
     elements = int(re.search(r"#define TRUNK_ELEMENTS (\d+)", (folder / "trunk.h").read_text())[1])
-    found = {}
+    figures = {}
     for name, flags in COMPILERS.items():
         sources = ["trunk.c", "example.c", "-lm", "-o", "example"]
         subprocess.run(["cc", "-std=c99", *flags, *sources], cwd=folder, check=True)
         runs = [subprocess.check_output("./example", cwd=folder, text=True) for _ in range(RUNS)]
-        medians = [
-            statistics.median(
-                float(re.search(rf"{which}: median ([\d.]+)", told)[1]) for told in runs
-            )
-            for which in ("along a motion", "from scratch")
-        ]
-        found[name] = (elements, *medians)
-    return found
+        times = [[float(us) for us in re.findall(r"median ([\d.]+)", run)] for run in runs]
+        warm, cold = (statistics.median(us) for us in zip(*times, strict=True))
+        figures[name] = (elements, warm, cold)
+    return figures
 
 
 def others(trunk: to.Trunk, folder: Path) -> dict[str, tuple[int, float, float]]:
-    """The same of the NumPy module and of the CasADi function, which always start anew."""
+    """The same for the NumPy module and the CasADi function, which always start cold."""
     for name in ("numpy", "casadi"):
         to.export(trunk, name, folder / name)
     sys.path.insert(0, str(folder / "numpy"))

@@ -1,4 +1,4 @@
-"""One figure: the paper's J against seconds, every method and motion."""
+"""Figure of the paper's J vs. time for all methods and motions."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def draw(parts: dict[str, Any], path: Path) -> None:
     shown: dict[str, Any] = {}
     for axis, motion in zip(axes, MOTIONS, strict=True):
         for method, (label, color) in CURVES.items():
-            every = [parts.get(f"{method} {motion} {budget} s", {}) for budget in BUDGETS]
-            runs = [run for run in every if "J" in run]
+            results = [parts.get(f"{method} {motion} {budget} s", {}) for budget in BUDGETS]
+            runs = [run for run in results if "J" in run]
             if runs:
                 axis.plot(*zip(*runs[-1]["curve"], strict=True), color=color, lw=0.6)
                 ends = zip(*((run["total_seconds"], run["J"]) for run in runs), strict=True)
@@ -40,9 +40,11 @@ def draw(parts: dict[str, Any], path: Path) -> None:
         for key, (label, color, marker) in POINTS.items():
             figures = parts.get(f"{key} {motion}", {})
             if figures.get("J") is not None:
-                where = ([figures["total_seconds"]], [figures["J"]])
-                axis.plot(*where, marker, color=color, label=label, ms=9, mfc="none", mew=1.6)
-        axis.set(xscale="log", yscale="log", title=motion, xlabel="seconds, start included")
+                point = ([figures["total_seconds"]], [figures["J"]])
+                axis.plot(*point, marker, color=color, label=label, ms=9, mfc="none", mew=1.6)
+        axis.set(
+            xscale="log", yscale="log", title=motion, xlabel="seconds, including initial guess"
+        )
         axis.set_xlim(0.1, 2 * BUDGETS[-1])
         axis.grid(which="major", lw=0.3)
         for ticks in (axis.xaxis, axis.yaxis):

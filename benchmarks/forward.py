@@ -1,4 +1,4 @@
-"""The forward problem, ours: one loaded shape, batches, the closed form, the Jacobian."""
+"""The forward problem in our code: one loaded shape, batches, the closed form, the Jacobian."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .common import (
     cases,
     coarsest,
     distance,
-    error_of_truth,
     fine_mesh,
     median,
+    reference_error,
     run_part,
     seconds,
 )
 
-ONE = 1e-6  # largest error of one shape, in L
+MAX_ERROR = 1e-6  # of one shape, in L
 CORES = 2
 
 
@@ -55,7 +55,7 @@ def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
         "steps": shape_map.Z.size - 1,
         "compilation_seconds": compilation,
         "error_in_L": error_of_map(which, shape_map),
-        "reference_error_in_L": error_of_truth(which),
+        "reference_error_in_L": reference_error(which),
         "cold_seconds": median(cold),
         "warm_seconds": median(warm),
         "jacobian_seconds": median(jacobian),
@@ -66,7 +66,7 @@ def single(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
 def collocation(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
     """The same shapes by collocation in NumPy and CasADi, which needs no compiler."""
     which = cases(shapes)
-    mesh, error = coarsest(which, ONE)
+    mesh, error = coarsest(which, MAX_ERROR)
     cold, jacobian = [], []
     for x, psi in zip(which.activation, which.head, strict=True):
         solve = lambda x=x, psi=psi: to.solve_statics(which.trunk, x, psi, which.loads, mesh)
@@ -86,7 +86,7 @@ def collocation(shapes: int = 60, repeats: int = 5) -> dict[str, Any]:
 
 
 def loaded(shapes: int = 20_000, repeats: int = 5) -> dict[str, Any]:
-    """A batch of loaded shapes, by one thread and by as many as cores."""
+    """A batch of loaded shapes, on one and on all cores."""
     which = cases(shapes)
 
     def per_second(threads: int) -> float:
@@ -104,7 +104,7 @@ def loaded(shapes: int = 20_000, repeats: int = 5) -> dict[str, Any]:
 
 
 def unloaded(shapes: int = 500_000, repeats: int = 5) -> dict[str, Any]:
-    """Tip poses in closed form, in chunks; compiled, and the same in NumPy."""
+    """Tip poses in closed form, in chunks; compiled, and in NumPy."""
     chunk = 20_000
     which = cases(chunk)
     tip = np.array([which.trunk.length])

@@ -1,4 +1,4 @@
-"""Whole motions: ours, a re-plan, and the horizon's NLP written the ordinary way."""
+"""Whole motions: our planner, re-plans, and the horizon's NLP in standard CasADi."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def figures_of(plan: to.Plan) -> dict[str, Any]:
 
 
 def ours(motion: str, mode: str, repeats: int = 3) -> dict[str, Any]:
-    """Plan a motion a few times; medians of the seconds, which include every start it needs."""
+    """Plan a motion a few times; medians of the times, which include initial guesses."""
     loaded = to.load_motion(motion)
     lookahead = 1 if mode == "sequential" else None
     plans = [to.plan_motion(loaded, lookahead) for _ in range(repeats)]
@@ -51,50 +51,50 @@ def ours(motion: str, mode: str, repeats: int = 3) -> dict[str, Any]:
 
 
 def replan(motion: str) -> dict[str, Any]:
-    """Re-plan with every target moved 1 cm in each direction of space, and back again."""
+    """Re-plan with all targets moved by 1 cm along each axis, and moved back."""
     loaded = to.load_motion(motion)
     plan = to.plan_motion(loaded)
     planner = to.Replanner(plan)
-    taken: list[to.Plan] = []
+    plans: list[to.Plan] = []
     planner(loaded)
     for axis in range(3):
         for sign in (1, -1):
             offset = sign * SHIFT * np.eye(3)[axis]
-            taken += [planner(loaded.shifted(tuple(offset))), planner(loaded)]
-    out = taken[0::2]
+            plans += [planner(loaded.shifted(tuple(offset))), planner(loaded)]
+    moved = plans[0::2]
     return {
-        "iterations": median(p.iterations for p in out),
-        "worst_iterations": max(p.iterations for p in out),
-        "seconds": median(p.total_seconds for p in out),
-        "worst_seconds": max(p.total_seconds for p in out),
-        "solve_seconds": median(p.solve_seconds for p in out),
-        "converged": sum(p.converged for p in taken),
-        "of": len(taken),
-        "verified": sum(not p.verification.faults for p in out),
+        "iterations": median(p.iterations for p in moved),
+        "worst_iterations": max(p.iterations for p in moved),
+        "seconds": median(p.total_seconds for p in moved),
+        "worst_seconds": max(p.total_seconds for p in moved),
+        "solve_seconds": median(p.solve_seconds for p in moved),
+        "converged": sum(p.converged for p in plans),
+        "of": len(plans),
+        "verified": sum(not p.verification.faults for p in moved),
     }
 
 
 def horizon_window(motion: to.Motion) -> tuple[Window, np.ndarray, float]:
-    """The horizon's nlp, its start - the sequential plan - and the seconds that took."""
+    """The horizon's NLP, its start (the sequential plan), and the time the start took in s."""
     options = Options()
     began = time.perf_counter()
     plan = to.plan_motion(motion, lookahead=1)
-    took = time.perf_counter() - began
+    start_seconds = time.perf_counter() - began
     mesh = first_mesh(motion, options)
-    one_pass = PlanningRun(motion, mesh, "horizon", len(motion.steps), options, Optimizer())
-    window = one_pass.window(0, motion.steps, DecidedSteps())
-    return window, window.pack(plan.x, plan.shape), took
+    run = PlanningRun(motion, mesh, "horizon", len(motion.steps), options, Optimizer())
+    window = run.window(0, motion.steps, DecidedSteps())
+    return window, window.pack(plan.x, plan.shape), start_seconds
 
 
 def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
-    """The same nlp, start and Ipopt options three ways.
+    """The same NLP, start and Ipopt options in three ways.
 
-    "ours" hands Ipopt our derivatives; "plain" and "expand" leave them to `nlpsol`, with a graph
-    of matrix operations or expanded to scalars. The budget ends Ipopt; the graph takes what it
-    takes, and `run` ends the process.
+    "ours" gives Ipopt our derivatives; "plain" and "expand" leave them to `nlpsol`, with a graph
+    of matrix operations or expanded to scalars. The budget limits Ipopt; building the graph is
+    limited only by the time limit of the job.
     """
     loaded = to.load_motion(motion)
-    horizon_window(loaded)  # warm, as ours is measured
+    horizon_window(loaded)  # warm-up, as for our planner
     window, start, start_seconds = horizon_window(loaded)
     began = time.perf_counter()
     options: dict[str, Any] = {f"ipopt.{name}": v for name, v in DEFAULT_OPTIONS.items()} | {
@@ -135,7 +135,7 @@ def solver_figures(stats: dict[str, Any], start: float, setup: float) -> dict[st
 
 
 def paper_objective(motion: to.Motion, x: np.ndarray) -> float:
-    """J summed over the steps, of the forward solution for the unknowns (H, muscles + 2)."""
+    """J of the forward solutions for the unknowns (H, muscles + 2), summed over the steps."""
     total, objective = 0.0, Objective(motion)
     for t, values in enumerate(x):
         total += objective.loaded(t, values[None])[0]

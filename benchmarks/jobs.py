@@ -1,4 +1,4 @@
-"""What a run measures: each job is one part of a script, in a process of its own."""
+"""The jobs of a run; each is one part of a script, in its own process."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ MOTIONS = ("lift-log", "lift-log-asymmetric", "pick-fruit")
 METHODS = ("sbplx", "nomad")
 WAYS = ("ours", "expand", "plain")
 OPTI = {"opti-expand": True, "opti-plain": False}  # key: expand
-BUDGETS = (5, 15, 45)  # s, of the paper's method
+BUDGETS = (5, 15, 45)  # s, for the paper's method
 STEPS, SEGMENTS = (10, 20, 40, 80), (3, 6, 12, 24)
-WHOLE = (24, 99)  # segments of trunks that are planned from nothing
+WHOLE = (24, 99)  # segments of trunks planned without a given start
 
 
 @dataclass(frozen=True)
 class Job:
-    """`processes` runs of it, of which each figure's median is kept; `limit` in seconds each."""
+    """One part with its arguments; figures are medians over `processes` runs of `limit` s each."""
 
     key: str
     module: str
@@ -27,7 +27,7 @@ class Job:
 
 
 def jobs(quick: bool) -> list[Job]:
-    """Everything, with small budgets if quick."""
+    """All jobs, with small budgets if quick."""
     few, budgets = (1, BUDGETS[:1]) if quick else (3, BUDGETS)
     ipopt = 10.0 if quick else 60.0
     result = [

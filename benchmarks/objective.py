@@ -1,4 +1,4 @@
-"""The paper's J_T, eq. (42): un-squared norms and the extension penalty, over our shapes."""
+"""The paper's J_T (eq. 42, un-squared norms and extension penalty), for our shapes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from trunk_ocp.model.loads import Loads
 from trunk_ocp.problem.targets import HeldDirection
 
 PENALTY = 1e3
-FAILED = 2e3  # no shape, or none found
-SMALLEST = 0.05  # extension below which no shape is asked for
+FAILED = 2e3  # J if no shape was found
+MIN_EXTENSION = 0.05  # below which no shape is computed
 
 
 class Objective:
@@ -26,7 +26,7 @@ class Objective:
         self.evaluations = 0
 
     def decide(self, t: int, x: np.ndarray) -> None:
-        """Note the directions that later steps take from step t."""
+        """Record the directions of step t that later steps refer to."""
         for held in self.motion.held:
             if held.step == t:
                 shape_map = to.ShapeMap(self.trunk, self.loads(t), [held.Z])
@@ -45,7 +45,7 @@ class Objective:
     def loaded(self, t: int, x: np.ndarray) -> np.ndarray:
         """J_T (n,) of the main problem."""
         J, zeta = np.full(len(x), FAILED), strains(self.trunk, x[:, :-2])[..., 0].min(axis=-1)
-        usable = np.flatnonzero(zeta > SMALLEST)
+        usable = np.flatnonzero(zeta > MIN_EXTENSION)
         self.evaluations += usable.size
         if usable.size:
             J[usable] = self._some(t, x[usable])
@@ -58,14 +58,14 @@ class Objective:
     def unloaded(self, t: int, x: np.ndarray) -> np.ndarray:
         """J_T (n,) of the auxiliary problem, by the closed form."""
         J, zeta = np.full(len(x), FAILED), strains(self.trunk, x[:, :-2])[..., 0].min(axis=-1)
-        usable = np.flatnonzero(zeta > SMALLEST)
+        usable = np.flatnonzero(zeta > MIN_EXTENSION)
         if usable.size:
             shapes = self.map(t, self.loads(t)).unloaded(x[usable, :-2], x[usable, -2:])
             J[usable] = self._misses(t, x[usable], shapes)
         return J
 
     def map(self, t: int, loads: Loads) -> to.ShapeMap:
-        """The fastest forward solve there is, with a point at every target of step t."""
+        """The fastest forward solve, with a point at every target of step t."""
         key = (t, loads)
         if key not in self.maps:
             points = [target.Z for target in self.motion.steps[t].targets]

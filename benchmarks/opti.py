@@ -1,9 +1,10 @@
-"""The horizon written the ordinary way: CasADi's Opti, loops, one constraint after the other.
+"""The horizon formulated by hand in CasADi's Opti, with loops and one constraint at a time.
 
 Unknowns, units, bounds, constraints, objective, start and Ipopt options are those of the planner,
-whose `transcription` is not used: the rod's right-hand side is one function, called at each
-collocation point, and the rest is written out. Only what `transcription` carries as unknowns with
-equal bounds - the trunk before the first step, known tip forces - are numbers here.
+but its transcription (`trunk_ocp.nlp`) is not used: the rod's right-hand side is a function that is
+called at each collocation point, and everything else is written out. The only difference: what the
+transcription treats as unknowns with equal bounds (the trunk before the first step, known tip
+forces) are constants here.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ Points = dict[float, tuple[ca.MX, ca.MX]]  # Z: q (4) and r (3)
 
 
 class Horizon:
-    """All time steps of a motion as one problem, `opti`, that starts at a plan."""
+    """All time steps of a motion as one problem, `opti`, starting from a plan."""
 
     def __init__(self, plan: to.Plan) -> None:
         self.motion, self.plan = plan.motion, plan
@@ -68,7 +69,7 @@ class Horizon:
         self.opti.minimize(f)
 
     def variable(self, start: np.ndarray) -> ca.MX:
-        """Unknowns, a column or a matrix as their start is."""
+        """Unknowns with the shape of their initial guess."""
         unknowns = self.opti.variable(*start.shape)
         self.opti.set_initial(unknowns, start)
         return unknowns
@@ -90,17 +91,17 @@ class Horizon:
         return strain, mean
 
     def tip_force(self, step: Step) -> ca.MX:
-        """Tip force of a step: unknown if it pulls along a held direction."""
-        own = np.asarray(step.loads.tip_force) / self.force
+        """Tip force of a step; unknown if it pulls along a held direction."""
+        known = np.asarray(step.loads.tip_force) / self.force
         if step.pull is None:
-            return ca.MX(own)
+            return ca.MX(known)
         strength, held = step.pull[0] / self.force, step.pull[1]
-        tip_force = self.variable(own + strength * self.held_start(held))
-        self.opti.subject_to(tip_force == own + strength * self.held[held])
+        tip_force = self.variable(known + strength * self.held_start(held))
+        self.opti.subject_to(tip_force == known + strength * self.held[held])
         return tip_force
 
     def rod(self, t: int, step: Step, x: ca.MX) -> Points:
-        """The rod of a step (eq. 14); its points where it is asked for."""
+        """The rod of a step (eq. 14); returns its points at targets and held directions."""
         opti, mesh, trunk = self.opti, self.mesh, self.motion.trunk
         E, d, element, h = mesh.elements, mesh.degree, gauss(mesh.degree), mesh.widths / self.length
         strain, mean = self.strains(t, x)
@@ -111,8 +112,8 @@ class Horizon:
         opti.subject_to(line[0] == r / self.length)
         opti.subject_to(edges[0][:4] == q)
         opti.subject_to(edges[E][4:] == 0)  # m(L) = 0
-        asked = {target.Z for target in step.targets}
-        asked |= {held.Z for held in self.motion.held if held.step == t}
+        requested = {target.Z for target in step.targets}
+        requested |= {held.Z for held in self.motion.held if held.step == t}
         points: Points = {}
         for k in range(E):
             inner = self.variable(self.states(t, mesh.points[k]).T)
@@ -127,7 +128,7 @@ class Horizon:
             dr = ca.horzcat(*(rate[STATES:] for rate in rates))
             opti.subject_to(edges[k + 1] == states @ element.value(1.0))
             opti.subject_to(line[k + 1] == line[k] + dr @ element.integral(1.0))
-            for Z in sorted(asked):
+            for Z in sorted(requested):
                 at, tau = (value.item() for value in mesh.locate(Z))
                 if at == k and tau in (0.0, 1.0):
                     points[Z] = (edges[k + int(tau)][:4], line[k + int(tau)])
@@ -140,7 +141,7 @@ class Horizon:
         return points
 
     def hold(self, t: int, points: Points) -> None:
-        """An unknown direction for each that later steps take from this one."""
+        """Unknowns for the directions of this step that later steps refer to."""
         for held in self.motion.held:
             if held.step == t:
                 q, D = points[held.Z][0], self.variable(self.held_start(held))
@@ -174,22 +175,24 @@ class Horizon:
 
 
 def horizon(motion: str, expand: bool, budget: float = 60.0) -> dict[str, Any]:
-    """The horizon by Opti, derivatives by `nlpsol`; the budget ends Ipopt."""
+    """The horizon in Opti, with derivatives by `nlpsol`; the budget limits Ipopt."""
     loaded = to.load_motion(motion)
-    to.plan_motion(loaded, lookahead=1)  # warm, as ours is measured
+    to.plan_motion(loaded, lookahead=1)  # warm-up, as for our planner
     began = time.perf_counter()
     plan = to.plan_motion(loaded, lookahead=1)
     start_seconds = time.perf_counter() - began
     options = {"expand": expand, "print_time": False, "record_time": True}
-    options["detect_simple_bounds"] = True  # otherwise every bound on an unknown gets a slack
+    options["detect_simple_bounds"] = (
+        True  # otherwise bounds on unknowns become constraints with slacks
+    )
     began = time.perf_counter()
     problem = Horizon(plan)
     opti = problem.opti
     opti.solver("ipopt", options, DEFAULT_OPTIONS | {"max_wall_time": budget})
     opti.solve_limited()
-    taken = time.perf_counter() - began
+    duration = time.perf_counter() - began
     stats = opti.stats()
-    setup = taken - stats["t_wall_total"]  # Opti makes its solver in `solve`
+    setup = duration - stats["t_wall_total"]  # Opti creates its solver in `solve`
     x = np.stack([opti.debug.value(x) for x in problem.x])
     return solver_figures(stats, start_seconds, setup) | {
         "objective": float(opti.debug.value(opti.f)),

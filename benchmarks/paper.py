@@ -1,10 +1,10 @@
-"""The paper's own method over our forward solve: J_T of eq. (42), derivative-free, step by step.
+"""The paper's method with our forward solve: J_T of eq. (42), derivative-free, step by step.
 
-Appendix B's feasible sets and first guesses; the extension penalty of 1e3; Sbplx (NLopt) or NOMAD
-for the main problems. The auxiliary problems, which need no boundary value problem, go to
-differential evolution (the paper's choice for the logs, appendix C) over whole populations, then
-to Sbplx, which here beat the paper's other choice. When an optimizer ends before its time it
-starts again, as in B.3, from the best point plus a random change of up to 0.01.
+With appendix B's feasible sets and initial guesses, the extension penalty of 1e3, and Sbplx (NLopt)
+or NOMAD for the main problems. The auxiliary problems, which need no boundary value problem, are
+solved by differential evolution (the paper's choice for the logs, appendix C) on whole populations,
+then by Sbplx, which did better here than the paper's other choice. An optimizer that ends early is
+restarted, as in B.3, from the best point plus a random change of up to 0.01.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ AUXILIARY_SHARE = 0.25
 
 @dataclass
 class Search:
-    """One box-bounded problem: keeps the best point, and when it was found."""
+    """A problem with bounds; records the best point and when it was found."""
 
     J: Callable[[np.ndarray], np.ndarray]
     lower: np.ndarray
@@ -80,17 +80,17 @@ def sbplx_search(search: Search, start: np.ndarray, seed: int) -> None:
 
 
 def nomad_search(search: Search, start: np.ndarray, seed: int) -> None:
-    """NOMAD with blocks of points, which our forward solve takes as one batch."""
+    """NOMAD with blocks of points, which our forward solve evaluates as one batch."""
     import PyNomad
 
     lower, upper = search.lower[search.free], search.upper[search.free]
 
     def block(points: Any) -> list[bool]:
-        every = [points.get_x(k) for k in range(points.size())]
-        x = np.array([[p.get_coord(i) for i in range(p.size())] for p in every])
-        for point, J in zip(every, search(x), strict=True):
+        block_points = [points.get_x(k) for k in range(points.size())]
+        x = np.array([[p.get_coord(i) for i in range(p.size())] for p in block_points])
+        for point, J in zip(block_points, search(x), strict=True):
             point.setBBO(repr(float(J)).encode())
-        return [True] * len(every)
+        return [True] * len(block_points)
 
     PyNomad.optimize(
         block,
@@ -101,7 +101,7 @@ def nomad_search(search: Search, start: np.ndarray, seed: int) -> None:
             "BB_OUTPUT_TYPE OBJ",
             f"BB_MAX_BLOCK_SIZE {2 * lower.size}",
             f"MAX_TIME {max(1, round(search.left))}",  # whole seconds
-            "QUAD_MODEL_SEARCH no",  # and a plain queue: both slow, and worse here in equal time
+            "QUAD_MODEL_SEARCH no",  # both this and sorting are slow, and did worse in equal time
             "EVAL_QUEUE_SORT DIR_LAST_SUCCESS",
             "DIRECTION_TYPE ORTHO 2N",
             "DISPLAY_DEGREE 0",
@@ -120,7 +120,8 @@ def evolution(search: Search) -> Search:
         lambda x: search(x.T),
         list(zip(lower, upper, strict=True)),
         strategy="rand1bin",
-        x0=lower + share * (upper - lower),  # scipy refuses one on a bound, by round-off
+        x0=lower
+        + share * (upper - lower),  # scipy rejects a start on a bound, because of round-off
         maxiter=10**6,
         popsize=3,
         tol=0,
@@ -137,7 +138,7 @@ METHODS = {"sbplx": sbplx_search, "nomad": nomad_search}
 
 
 def minimize(search: Search, method: str) -> Search:
-    """Run an optimizer until the time is up, starting it again when it ends early."""
+    """Run an optimizer until the time is up, restarting it when it ends early."""
     rng, start, seed = np.random.default_rng(0), search.x[search.free], 0
     shortest = 0.5 if method == "nomad" else 0.02  # NOMAD counts whole seconds
     while search.left > shortest and start.size:
@@ -197,7 +198,7 @@ def sequential(motion: str, method: str, budget: float = 60.0) -> dict[str, Any]
 
 
 def summed(curves: list[list[tuple[float, float]]], waiting: list[float]) -> list[list[float]]:
-    """Sum over the steps of the best J so far, thinned; a step not begun counts as passive."""
+    """Best J so far summed over the steps, thinned; steps not yet started count as passive."""
     best = list(waiting)
     events = sorted((when, t, J) for t, curve in enumerate(curves) for when, J in curve)
     result: list[list[float]] = []

@@ -1,4 +1,4 @@
-"""results/benchmarks.md from results/benchmarks.json: the bars, then every comparison."""
+"""results/benchmarks.md from results/benchmarks.json: targets, then all comparisons."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .bars import ERRORS, bars
 from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS, WHOLE
-
-Parts = dict[str, dict[str, Any]]
+from .targets import ERRORS, Parts, get, targets
 
 
 def text(value: Any, digits: int = 3) -> str:
-    """A figure for a table; a dash where there is none."""
+    """A figure for a table; a dash if there is none."""
     if value is None:
         return "-"
     if isinstance(value, float):
@@ -28,48 +26,45 @@ def table(head: list[str], rows: list[list[Any]]) -> list[str]:
     return lines + ["| " + " | ".join(text(cell) for cell in row) + " |" for row in rows] + [""]
 
 
-def times(parts: Parts, key: str, name: str, factor: float = 1.0) -> float | None:
-    """A figure of a part, if it was measured."""
-    value = parts.get(key, {}).get(name)
-    return None if value is None else value * factor
-
-
 def machine(document: dict[str, Any]) -> list[str]:
     about, versions = document["machine"], document["versions"]
-    lines = ["# Benchmarks", "", "Made by `make bench`; every figure is of that one run."]
+    lines = ["# Benchmarks", "", "Written by `make bench`; all figures are from one run."]
     if document["quick"]:
-        lines += ["", "**A quick run: small budgets, few repeats. Not the figures to quote.**"]
+        lines += [
+            "",
+            "**A quick run with small budgets and few repeats: do not quote these figures.**",
+        ]
     return [
         *lines,
         "",
         f"{about['processor']}, {about['cores']} cores, {about['system']}, Python "
         f"{about['python']}; load before {about['load_before']:.2f}. "
         + ", ".join(f"{name} {number}" for name, number in versions.items())
-        + f". Whole run: {document['seconds']:.0f} s.",
+        + f". Total time: {document['seconds']:.0f} s.",
         "",
-        "Every part ran alone in a process of its own, one thread each, unless it says two cores. "
-        "Seconds are wall seconds, medians of several runs; errors are the largest distance "
-        "between centerlines in units of L. The .json beside this page has CPU seconds and peak "
-        "memory of every part.",
+        "Each part ran alone in its own process, with one thread unless two cores are mentioned. "
+        "Times are wall times, medians of several runs; errors are the largest distances between "
+        "centerlines in units of L. The .json file beside this page also has the CPU seconds and "
+        "peak memory of each part.",
         "",
     ]
 
 
-def bars_met(parts: Parts) -> list[str]:
-    head = ["what", "measured", "bar", "met", "stretch", "met"]
+def targets_met(parts: Parts) -> list[str]:
+    head = ["quantity", "measured", "target", "met", "stretch target", "met"]
     verdict = {True: "yes", False: "**no**", None: "not measured"}
     rows = [
         [
-            b.what,
-            b.shown,
-            b.bar_shown,
-            verdict[b.met] if b.bar else "-",
-            b.stretch_shown,
-            b.stretch_met,
+            target.name,
+            target.value_text,
+            target.limit_text,
+            verdict[target.met] if target.limit else "-",
+            target.stretch_text,
+            target.stretch_met,
         ]
-        for b in bars(parts)
+        for target in targets(parts)
     ]
-    return ["## The bars of the issue", "", *table(head, rows)]
+    return ["## Targets", "", *table(head, rows)]
 
 
 def forward(parts: Parts) -> list[str]:
@@ -77,43 +72,43 @@ def forward(parts: Parts) -> list[str]:
         parts.get(k, {}) for k in ("single", "collocation", "bvp", "exudyn", "elastica")
     )
     mesh = f"{slow.get('elements')} elements of degree {slow.get('degree')}"
-    # No error is known better than the reference.
+    # Errors are known only to within the error of the reference.
     error = max((one[name] for name in ERRORS if name in one), default=None)
     same = "the paper's Kirchhoff rod"
-    shears = "shears: another theory, so this is a difference, not an error"
+    shears = "shear-deformable: another theory, so a difference rather than an error"
     head = ["code", "theory", "seconds", "error or difference / L", "remarks"]
     rows = [
         ["ours, `ShapeMap`, cold", same, one.get("cold_seconds"), error,
-         failure(one) or f"{one.get('steps')} steps of order 8; a process's first call, which "
+         failure(one) or f"{one.get('steps')} steps of order 8; the first call in a process, which "
          f"compiles, took {text(one.get('compilation_seconds'))} s"],
         ["ours, `ShapeMap`, warm", same, one.get("warm_seconds"), error,
          failure(one) or "from the shape for 0.01 more in every activation and angle"],
         ["ours, `ShapeMap.jacobian`", same, one.get("jacobian_seconds"), None,
-         failure(one) or "30 columns, position and tangent at every step, after the shape"],
+         failure(one) or "30 columns, position and tangent at every step, given the shape"],
         ["ours, `solve_statics`, cold", same, slow.get("cold_seconds"), slow.get("error_in_L"),
          failure(slow) or f"{mesh}, last Newton step below {text(slow.get('newton_tolerance'))}"],
         ["ours, `tip_jacobian`", same, slow.get("jacobian_seconds"), None,
-         failure(slow) or "30 columns, position and tangent of the tip, after the shape"],
+         failure(slow) or "30 columns, position and tangent of the tip, given the shape"],
         ["scipy `solve_bvp`, segments stacked, our exact Jacobian", same,
          bvp.get("seconds_exact_jacobian"), bvp.get("error_in_L"),
-         failure(bvp) or f"tol {text(bvp.get('tolerance'))}, the loosest with an error as "
+         failure(bvp) or f"tol {text(bvp.get('tolerance'))}, the loosest whose error is as "
          f"small as ours; {bvp.get('nodes')} nodes"],
-        ["the same, differenced Jacobian", same, bvp.get("seconds_differenced"),
-         bvp.get("error_in_L"), failure(bvp) or "as one would write it first"],
+        ["the same, finite-difference Jacobian", same, bvp.get("seconds_differenced"),
+         bvp.get("error_in_L"), failure(bvp) or "the straightforward implementation"],
         ["scipy `solve_bvp`, whole trunk", same, None, None, whole(parts)],
         ["EXUDYN, static", shears, exu.get("seconds"), exu.get("difference_in_L"),
          failure(exu) or f"{exu.get('elements')} geometrically exact beams; without shear "
          f"{text(exu.get('difference_without_shear_in_L'))}"],
         ["PyElastica, damped to rest", shears, ela.get("seconds"), ela.get("difference_in_L"),
          failure(ela) or f"{ela.get('elements')} elements; the first call took "
-         f"{text(ela.get('compilation_seconds'))} s, more where its code is not compiled yet"],
+         f"{text(ela.get('compilation_seconds'))} s, more if its code is not compiled yet"],
     ]  # fmt: skip
     lines = [
         "## Forward: one loaded shape",
         "",
-        "Random contractions, weight and 8 kg at the tip, cold from the unloaded shape. Errors are "
-        "against 16 elements of degree 9, from which DOP853 started at the same m(0) differs by "
-        f"{text(one.get('reference_error_in_L'))} L.",
+        "Random contractions, own weight and 8 kg at the tip; a cold start is from the unloaded "
+        "shape. The reference has 16 elements of degree 9; DOP853 from the same m(0) differs from "
+        f"it by {text(one.get('reference_error_in_L'))} L.",
         "",
         *table(head, rows),
     ]
@@ -130,9 +125,9 @@ def batches(parts: Parts) -> list[str]:
     ]  # fmt: skip
     closed = whole_number(parts.get("unloaded", {}).get("per_second_numpy"))
     note = (
-        f"Unloaded: tip poses, one step a segment, 20,000 at a time. Without numba "
-        f"(`unloaded_states`, 1,000 at a time): {closed} per second, one core. Peak memory "
-        f"includes the reference's."
+        f"Unloaded: tip poses, one step per segment, 20,000 at a time. Without numba "
+        f"(`unloaded_states`, 1,000 at a time): {closed} per second on one core. Peak memory "
+        f"includes the reference solution."
     )
     return ["## Forward: batches", "", *table(head, rows), note, ""]
 
@@ -175,30 +170,31 @@ def inverse(parts: Parts) -> list[str]:
     return [
         "## Inverse: whole motions",
         "",
-        "J is the paper's, un-squared, summed over the steps, and never what we minimize; "
-        "`objective` is what all horizons minimize. Seconds include every start a method needs: "
-        "the horizon's is the sequential plan, of a tolerance of 1e-5 in ours and of 1e-8 in the "
-        "rows below, whose iterations do not count it. The NLPs given to `nlpsol` are ours, "
-        "start and Ipopt options included, with or without our derivatives; their graph is ours, "
-        "of mapped functions. With Opti the same horizon is written out by hand, in loops over "
-        "steps, elements and Gauss points, from the same start. CPU seconds are of the whole "
-        "process, repeats included. The paper's method and our sequential mode keep appendix B's "
-        "sets step by step, a horizon bounds changes between steps instead. The paper's method "
-        "has a budget of seconds, in equal parts for each step, a quarter of it for auxiliary "
-        "problems; it takes our forward solve, and NOMAD, which evaluates in batches, goes "
-        "without its quadratic models, having reached more without them.",
+        "J is the paper's objective (un-squared norms, summed over the steps), which we do not "
+        "minimize; `objective` is the one that all horizons minimize. Times include the initial "
+        "guess: horizons start from the sequential plan, solved to 1e-5 in our planner and to 1e-8 "
+        "in the rows below it, whose iterations exclude it. The NLPs given to `nlpsol` are ours, "
+        "with the same start and Ipopt options, with or without our derivatives; their graph "
+        "consists of mapped functions. The Opti rows formulate the same horizon by hand, in loops "
+        "over steps, elements and Gauss points, from the same start. CPU seconds are those of the "
+        "whole process, repeats included. The paper's method and our sequential mode use the "
+        "feasible sets of appendix B at each step; a horizon bounds changes between steps instead. "
+        "The paper's method has a time budget, split equally among the steps, with a quarter for "
+        "auxiliary problems. It uses our forward solve; NOMAD, which evaluates in batches, runs "
+        "without its quadratic models, as it got further without them.",
         "",
         *table(head, rows),
         "![J against seconds](benchmarks-inverse.png)",
         "",
-        "Dots are what the paper's method ends with, one for each budget; the thin line is how "
-        "the longest run got there, a step not begun counting with the passive trunk's J.",
+        "Dots are final results of the paper's method, one per budget; the thin line is the "
+        "progress of the longest run, where steps not yet started count with the passive trunk's "
+        "J.",
         "",
-        "## Re-planning after every target moved 1 cm",
+        "## Re-planning after all targets move by 1 cm",
         "",
         *table(
-            ["motion", "iterations", "most", "seconds", "longest", "of it Ipopt",
-             "verified, of 6 out", "converged, out and back"],
+            ["motion", "iterations", "max", "seconds", "max", "in Ipopt",
+             "verified of 6 moves", "converged of moves and returns"],
             [
                 [motion, *(p.get(n) for n in REPLAN), f"{p.get('converged')} of {p.get('of')}"]
                 for motion in MOTIONS
@@ -209,11 +205,11 @@ def inverse(parts: Parts) -> list[str]:
 
 
 NLP = {
-    "ours": "the horizon's one NLP, our derivatives",
-    "expand": "the same, `nlpsol`, expand on",
-    "plain": "the same, `nlpsol`, expand off",
-    "opti-expand": "CasADi Opti, written out by hand, expand on",
-    "opti-plain": "CasADi Opti, written out by hand, expand off",
+    "ours": "same horizon NLP, `nlpsol`, our derivatives",
+    "expand": "same horizon NLP, `nlpsol`, expand on",
+    "plain": "same horizon NLP, `nlpsol`, expand off",
+    "opti-expand": "same horizon by hand in CasADi Opti, expand on",
+    "opti-plain": "same horizon by hand in CasADi Opti, expand off",
 }
 PAPER = {"sbplx": "paper's: Sbplx step by step", "nomad": "paper's: NOMAD step by step"}
 COLUMNS = ("J", "objective", "total_seconds", "setup_seconds", "derivative_seconds",
@@ -222,9 +218,14 @@ REPLAN = ("iterations", "worst_iterations", "seconds", "worst_seconds", "solve_s
 
 
 def scaling(parts: Parts) -> list[str]:
-    lines = ["## Scaling", "", "Lift-log's horizon, the lift or the segments cut finer.", ""]
+    lines = [
+        "## Scaling",
+        "",
+        "The lift-log horizon, with the lift or the segments divided more finely.",
+        "",
+    ]
     for kind, sizes in (("steps", STEPS), ("segments", SEGMENTS)):
-        first = times(parts, f"{kind} {sizes[0]}", "seconds_per_iteration")
+        first = get(parts, f"{kind} {sizes[0]}", "seconds_per_iteration")
         rows = []
         for size in sizes:
             p = parts.get(f"{kind} {size}")
@@ -235,8 +236,8 @@ def scaling(parts: Parts) -> list[str]:
             mesh = f"{p.get('elements')} of degree {p.get('degree')}"
             rows.append([p.get("size"), p.get("muscles"), mesh, p.get("verification_error_m"),
                          p.get("iterations"), each, linear, failure(p) or ""])  # fmt: skip
-        head = [kind, "muscles", "elements", "verification of the start, m", "iterations",
-                "seconds an iteration", "over linear growth", "remarks"]  # fmt: skip
+        head = [kind, "muscles", "elements", "verification error of the start, m", "iterations",
+                "seconds per iteration", "relative to linear growth", "remarks"]  # fmt: skip
         lines += table(head, rows)
     for p in (parts.get(f"whole {size}", {}) for size in WHOLE):
         if p:
@@ -254,7 +255,7 @@ def main() -> None:
     source = Path(sys.argv[1])
     document = json.loads(source.read_text())
     parts = document["parts"]
-    lines = [*machine(document), *bars_met(parts), *forward(parts), *inverse(parts)]
+    lines = [*machine(document), *targets_met(parts), *forward(parts), *inverse(parts)]
     lines += scaling(parts)
     source.with_suffix(".md").write_text("\n".join(lines).rstrip() + "\n")
 

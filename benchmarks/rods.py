@@ -1,9 +1,9 @@
-"""The forward problem by general rod simulators: EXUDYN and PyElastica.
+"""The forward problem in general rod simulators: EXUDYN and PyElastica.
 
-Both take the trunk's unloaded shape as reference, with the stiffness of the activated trunk and
-the weight of each slice at its nodes. Both are rods that shear, which the paper's Kirchhoff rod
-does not: what separates them from ours is reported as a difference, not as an error. With the
-shear stiffness raised by `STIFF`, EXUDYN's difference shrinks to its discretization error.
+Both use the trunk's unloaded shape as reference, with the stiffness of the activated trunk and
+the weight of each slice at its nodes. Both rods are shear-deformable, unlike the paper's Kirchhoff
+rod, so deviations from ours are reported as differences, not as errors. With the shear stiffness
+multiplied by `STIFF`, EXUDYN's difference shrinks to its discretization error.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from trunk_ocp.rod.unloaded import unloaded_states
 from .common import cases, distance, fine_mesh, median, run_part, seconds
 
 STIFF = 1e3
-SHEAR_FACTOR = 27 / 28  # of a circular section at nu = 1/2, as PyElastica has it
+SHEAR_FACTOR = 27 / 28  # circular section, nu = 1/2, as in PyElastica
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A case's unloaded, activated trunk cut into n pieces, and its exact loaded centerline."""
+    """An unloaded, activated trunk divided into n pieces, and its exact loaded centerline."""
 
     trunk: to.Trunk
     position: np.ndarray  # (n + 1, 3) of the nodes
@@ -78,7 +78,7 @@ def _frames(q: np.ndarray) -> np.ndarray:
 
 
 def _along_chords(ref: Reference) -> np.ndarray:
-    """Frames (n, 3, 3) at the middles, d_3 turned onto the chord between nodes."""
+    """Frames (n, 3, 3) at the middles, with d_3 along the chord between nodes."""
     d3 = np.diff(ref.position, axis=0)
     d3 /= np.linalg.norm(d3, axis=1, keepdims=True)
     d2 = np.cross(d3, ref.middle_frames[:, 0])
@@ -113,9 +113,9 @@ def exudyn_shape(ref: Reference, stiff: float = 1.0) -> np.ndarray:
                 nodeNumbers=nodes[k : k + 2], length=length, sectionData=section
             )
         )
-    for coordinate in (0, 1, 2, 4, 5, 6):  # the fourth follows: Euler parameters have length 1
-        own = items.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate)
-        pair = [fixed, system.AddMarker(own)]
+    for coordinate in (0, 1, 2, 4, 5, 6):  # the fourth follows from unit length
+        at_base = items.MarkerNodeCoordinate(nodeNumber=nodes[0], coordinate=coordinate)
+        pair = [fixed, system.AddMarker(at_base)]
         system.AddObject(items.ObjectConnectorCoordinate(markerNumbers=pair))
     for node, weight in zip(nodes, ref.weights, strict=True):
         marker = system.AddMarker(items.MarkerNodePosition(nodeNumber=node))
@@ -135,7 +135,7 @@ def exudyn_shape(ref: Reference, stiff: float = 1.0) -> np.ndarray:
 
 
 def exudyn(elements: int = 40, shapes: int = 5) -> dict[str, Any]:
-    """Time, model included, and difference to ours; again with shear all but suppressed."""
+    """Time including model setup, and difference from ours, also with shear suppressed."""
     references = [reference(i, elements) for i in range(shapes)]
     exudyn_shape(references[0])
     times, shearing, stiff = [], 0.0, 0.0
@@ -153,7 +153,7 @@ def exudyn(elements: int = 40, shapes: int = 5) -> dict[str, Any]:
 
 
 def elastica_shape(ref: Reference, stop: float) -> tuple[np.ndarray, float]:
-    """Node positions where PyElastica's damped motion comes to rest, and the last speed, m/s."""
+    """Node positions where PyElastica's damped motion comes to rest, and the final speed in m/s."""
     import elastica as ea
 
     class Simulator(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
@@ -178,7 +178,7 @@ def elastica_shape(ref: Reference, stop: float) -> tuple[np.ndarray, float]:
         directors=np.moveaxis(_along_chords(ref), 0, -1).copy(),
     )
     rod.compute_internal_forces_and_torques(0.0)
-    rod.rest_kappa[:] = rod.kappa  # what it has without loads is its rest shape
+    rod.rest_kappa[:] = rod.kappa  # the unloaded shape is the rest shape
     rod.rest_sigma[:] = rod.sigma
     simulator = Simulator()
     simulator.append(rod)
@@ -205,7 +205,7 @@ def elastica_shape(ref: Reference, stop: float) -> tuple[np.ndarray, float]:
 
 
 def elastica(elements: int = 40, shapes: int = 3, stop: float = 1e-3) -> dict[str, Any]:
-    """Time until at rest, compilation apart, and difference to ours."""
+    """Time to come to rest, without compilation, and difference from ours."""
     references = [reference(i, elements) for i in range(shapes)]
     began = time.perf_counter()
     elastica_shape(references[0], 10.0)

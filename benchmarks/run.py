@@ -1,7 +1,7 @@
-"""Everything, side by side: `python -m benchmarks.run [--quick] [--only WORD]`.
+"""All benchmarks: `python -m benchmarks.run [--quick] [--only WORD]`.
 
 Writes results/benchmarks.json, .md and -inverse.png. This process only starts others, one at a
-time, with one thread each, so that none feels another.
+time and with one thread each, so that none slows another down.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 from .jobs import MOTIONS, Job, jobs
 
 ROOT = Path(__file__).parent.parent
-MARK = "benchmark: "  # as in `common`, which this process does not import to stay small
+MARK = "benchmark: "  # as in `common`, which is not imported, to keep this process small
 PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "trunk_ocp"),
     *("exudyn", "pyelastica", "nlopt", "PyNomadBBO", "matplotlib"),
@@ -32,8 +32,10 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND":
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="small budgets: minutes, not many")
-    parser.add_argument("--only", default="", help="jobs whose key has this word")
+    parser.add_argument(
+        "--quick", action="store_true", help="small budgets; takes about three minutes"
+    )
+    parser.add_argument("--only", default="", help="only jobs whose key contains this word")
     parser.add_argument("--out", type=Path, default=ROOT / "results", help="folder for the results")
     options = parser.parse_args()
     began = time.perf_counter()
@@ -42,12 +44,12 @@ def main() -> None:
     for job in jobs(options.quick):
         if options.only in job.key:
             parts[job.key] = run(job)
-            tell(job.key, parts[job.key], began)
+            report(job.key, parts[job.key], began)
     for motion in MOTIONS:
         key = f"command {motion}"
         if options.only in key:
             parts[key] = command(motion, 1 if options.quick else 3)
-            tell(key, parts[key], began)
+            report(key, parts[key], began)
     document = {
         "quick": options.quick,
         "machine": about,
@@ -62,8 +64,8 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", f"benchmarks.{module}", path], cwd=ROOT, check=True)
 
 
-def tell(key: str, figures: dict[str, Any], began: float) -> None:
-    ending = figures.get("failed", f"{figures['wall_seconds']:.1f} s")
+def report(key: str, figures: dict[str, Any], began: float) -> None:
+    ending = figures["failed"] if "failed" in figures else f"{figures['wall_seconds']:.1f} s"
     print(f"{time.perf_counter() - began:6.0f} s  {key}: {ending}", flush=True)
 
 
@@ -100,7 +102,7 @@ def combined(runs: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def command(motion: str, repeats: int) -> dict[str, Any]:
-    """`solve-motion --no-figures` as a user starts it: wall seconds, CPU seconds, peak memory."""
+    """`solve-motion --no-figures` as users run it: wall seconds, CPU seconds, peak memory."""
     executable = Path(sys.executable).parent / "solve-motion"
     runs = []
     for _ in range(repeats):

@@ -1,4 +1,4 @@
-"""How one Ipopt iteration grows with time steps and with segments; trunks of many segments."""
+"""Time of an Ipopt iteration vs. number of time steps and segments; trunks of many segments."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def problem(data: dict[str, Any]) -> ProblemSpec:
 
 
 def with_steps(steps: int) -> to.Motion:
-    """Lift-log with its lift cut finer: the same rates of change, so less change in a step."""
+    """Lift-log with a lift of more steps: the same rates, so smaller changes per step."""
     data = lift_log()
     lift = data["phases"][-1]
     share = lift["steps"] / (steps - 2)
@@ -44,7 +44,7 @@ def with_steps(steps: int) -> to.Motion:
 
 
 def cut_anatomy(parts: int) -> AnatomySpec:
-    """The elephant with each segment in equal parts, each with the segment's own muscles."""
+    """The elephant with each segment divided into equal parts with the same muscles."""
     data = read_anatomy("asian-elephant").model_dump()
     segments = []
     for segment in data["segments"]:
@@ -55,7 +55,7 @@ def cut_anatomy(parts: int) -> AnatomySpec:
 
 
 def with_segments(segments: int) -> to.Motion:
-    """Lift-log for the same trunk cut finer; bounds on muscles go to every part."""
+    """Lift-log for the trunk of `cut_anatomy`; bounds on muscles apply to every part."""
     parts, data = segments // 3, lift_log()
     for phase in data["phases"]:
         muscles = phase.get("bounds", {}).get("muscles")
@@ -72,7 +72,7 @@ def _numbers(pattern: str, parts: int) -> list[tuple[int, str]]:
     """`*3-dl` as the numbers of segment 3's parts and `dl`."""
     found = re.fullmatch(r"\*(\d)-(.+)", pattern)
     if found is None:
-        raise ValueError(f"{pattern}: a pattern this script does not know")
+        raise ValueError(f"{pattern}: unknown kind of pattern")
     last = int(found[1]) * parts
     return [(number, found[2]) for number in range(last - parts + 1, last + 1)]
 
@@ -83,11 +83,11 @@ def iteration(kind: str, size: int, repeats: int = 3) -> dict[str, Any]:
     options = to.Options()
     start = to.plan_motion(motion, lookahead=1, options=options)
     options = replace(options, max_iterations=ITERATIONS)
-    taken, iterations = [], 0
+    durations, iterations = [], 0
     for _ in range(repeats):
         plan = to.plan_motion(motion, options=options, start=start)
         iterations = plan.iterations - start.iterations
-        taken.append((plan.solve_seconds - start.solve_seconds) / max(iterations, 1))
+        durations.append((plan.solve_seconds - start.solve_seconds) / max(iterations, 1))
     return {
         "size": size,
         "muscles": len(motion.trunk.muscles),
@@ -95,12 +95,12 @@ def iteration(kind: str, size: int, repeats: int = 3) -> dict[str, Any]:
         "degree": plan.mesh.degree,
         "verification_error_m": float(start.verification.position_difference.max()),
         "iterations": iterations,
-        "seconds_per_iteration": median(taken),
+        "seconds_per_iteration": median(durations),
     }
 
 
 def whole(segments: int) -> dict[str, Any]:
-    """A whole lift-log horizon of a trunk with many segments, from nothing."""
+    """A complete lift-log horizon for a trunk with many segments, without a given start."""
     motion = with_segments(segments)
     plan = to.plan_motion(motion)
     return figures_of(plan) | {

@@ -1,6 +1,6 @@
-"""The exported trunk behind two calls, by C through ctypes or by NumPy alone.
+"""The exported trunk behind two calls, in C (through ctypes) or in NumPy only.
 
-Nothing here needs trunk_ocp but the export itself, which its command makes.
+Only the export itself needs trunk_ocp, by its command; nothing else here does.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-OUTPUTS = 19  # numbers of one point: position, directors, strain, moment
+OUTPUTS = 19  # per point: position, directors, strain, moment
 
 
-def make(folder: Path, to: str, at: list[float]) -> None:
-    """Export the elephant's trunk to a folder, as in a shell."""
+def export_trunk(folder: Path, to: str, at: list[float]) -> None:
+    """Export the elephant's trunk to a folder, as from a shell."""
     points = ",".join(f"{Z:g}" for Z in at)
     command = ["trunk-ocp", "export", "asian-elephant", "--to", to, "--at", points]
     subprocess.run([*command, "--out", str(folder)], check=True, stdout=subprocess.DEVNULL)
 
 
 class Compiled:
-    """A trunk of its own in C: its last shape is where the next one starts from."""
+    """A trunk in C with its own memory: each shape is the initial guess of the next."""
 
     def __init__(self, folder: Path) -> None:
         library = folder / "libtrunk.so"
@@ -45,12 +45,12 @@ class Compiled:
         self.J = np.zeros((self.points, OUTPUTS, size))
 
     def shape(self, x: np.ndarray) -> np.ndarray:
-        """Numbers of the shape at inputs x, (points, 19)."""
+        """Outputs of the shape at inputs x, (points, 19)."""
         self._call(self.c.trunk_loaded, _pointer(x), self.work, _pointer(self.y))
         return self.y.copy()
 
     def jacobian(self) -> np.ndarray:
-        """Derivatives of the last shape by x, (points, 19, inputs)."""
+        """Derivatives of the last shape with respect to x, (points, 19, inputs)."""
         self._call(self.c.trunk_jacobian, self.work, _pointer(self.J))
         return self.J
 
@@ -69,7 +69,7 @@ def _pointer(array: np.ndarray) -> ctypes._Pointer:
 
 
 class Interpreted:
-    """The same without a compiler, some tens of times slower."""
+    """The same without a compiler, and tens of times slower."""
 
     def __init__(self, folder: Path) -> None:
         spec = importlib.util.spec_from_file_location("trunk_numpy", folder / "trunk_numpy.py")
@@ -80,10 +80,10 @@ class Interpreted:
         self.x = self.rest
 
     def shape(self, x: np.ndarray) -> np.ndarray:
-        """Numbers of the shape at inputs x, (points, 19)."""
+        """Outputs of the shape at inputs x, (points, 19)."""
         self.x = x.copy()
         return self.module.loaded(x)
 
     def jacobian(self) -> np.ndarray:
-        """Derivatives of the last shape by x, (points, 19, inputs)."""
+        """Derivatives of the last shape with respect to x, (points, 19, inputs)."""
         return self.module.jacobian(self.x)[1]

@@ -1,1 +1,1 @@
-"""What is done to find this package wrong: cases, files, faults, and counts of what held."""
+"""Trials and validation cases that look for errors in this package, and their reports."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from trunk_ocp.model.anatomy import Trunk
-from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.planning.plan import Plan
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
@@ -32,7 +32,8 @@ SLACK = 2e-6
 
 def wrongs(problem: Table, plan: Plan) -> list[str]:
     """What does not hold of a plan that claims to be solved, a sentence each."""
-    trunk, found = plan.motion.trunk, []
+    trunk = plan.motion.trunk
+    found: list[str] = []
     bounds = Bounds(problem, trunk)
     origins = {"base": np.zeros(3), "passive-tip": _passive_tip(problem, trunk)}
     tolerance = problem.get("tolerance", {})
@@ -84,7 +85,8 @@ def _points(problem: Table, trunk: Trunk) -> Iterator[float]:
     for phase in problem["phases"]:
         yield from (target["Z"] for target in phase.get("targets", []))
         if "wrap" in phase:
-            yield from np.linspace(*phase["wrap"]["Z"], phase["wrap"].get("points", 6))
+            first, last = phase["wrap"]["Z"]
+            yield from np.linspace(first, last, phase["wrap"].get("points", 6))
 
 
 def _passive_tip(problem: Table, trunk: Trunk) -> np.ndarray:
@@ -146,7 +148,7 @@ def _wrap(
     center = _bezier(spec["path"], t) if "path" in spec else np.array(spec["center"])
     center = center + origins[spec.get("origin", "base")]
     count, (first, last) = spec.get("points", 6), np.radians(spec["angles_deg"])
-    Z = np.linspace(*spec["Z"], count)
+    Z = np.linspace(spec["Z"][0], spec["Z"][1], count)
 
     def point(p: int) -> np.ndarray:
         angle = first + (last - first) * p / (count - 1)
@@ -181,7 +183,7 @@ def _loads(
         weight = math.pi * log["radius"] ** 2 * log["length"] * log["density"] * g
         start, force = log["contact_from"], [0.0, 0.0, weight]
         couple = [-log.get("offset", 0.0) * weight, 0.0, 0.0]
-    return Loads(g, tuple(tip), start, tuple(force), tuple(couple))
+    return Loads(g, vector(tip), start, vector(np.array(force)), vector(np.array(couple)))
 
 
 class Bounds:

@@ -35,7 +35,6 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.planning_run import PlanningRun
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Motion
@@ -79,9 +78,9 @@ class Originals:
 class _Once(Checkpoint):
     """Keeps what the first window has decided, and nothing after it."""
 
-    def save(self, work: PlanningRun, previous: np.ndarray) -> None:
+    def save(self, *arguments: Any, **options: Any) -> None:
         if not self.path.exists():
-            super().save(work, previous)
+            super().save(*arguments, **options)
 
 
 @cache
@@ -134,7 +133,7 @@ def renumbered(content: bytes, dice: random.Random) -> bytes:
 
 def hostile(dice: random.Random) -> Any:
     """A value that has no place in a file, as JSON takes it."""
-    deep = lambda: json.loads("[" * 300 + "]" * 300)
+    deep: Callable[[], Any] = lambda: json.loads("[" * 300 + "]" * 300)
     value = dice.choice([v for v in HOSTILE if type(v) in (str, float, int, bool, list, dict)])
     return dice.choice([lambda: value, lambda: value, deep])()
 
@@ -162,18 +161,17 @@ def edited(record: Any, dice: random.Random) -> Any:
 
 def text_of(record: Any, dice: random.Random) -> str:
     """JSON, or something like it."""
-    return dice.choice(
-        [
-            lambda: json.dumps(edited(record, dice)),
-            lambda: json.dumps(edited(record, dice)),
-            lambda: json.dumps(hostile(dice)),
-            lambda: "[" * 100_000,
-            lambda: '{"a":' * 50_000,
-            lambda: "[" + "[]," * 1_000_000 + "0]",
-            lambda: "9" * 100_000,
-            lambda: "\x1b[31m",
-        ]
-    )()
+    texts: list[Callable[[], str]] = [
+        lambda: json.dumps(edited(record, dice)),
+        lambda: json.dumps(edited(record, dice)),
+        lambda: json.dumps(hostile(dice)),
+        lambda: "[" * 100_000,
+        lambda: '{"a":' * 50_000,
+        lambda: "[" + "[]," * 1_000_000 + "0]",
+        lambda: "9" * 100_000,
+        lambda: "\x1b[31m",
+    ]
+    return dice.choice(texts)()
 
 
 # --- saved plans -----------------------------------------------------------------------------

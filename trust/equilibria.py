@@ -1,4 +1,4 @@
-"""Random extreme trunks and loads: what is called an equilibrium is judged by another solver.
+"""Random extreme trunks and loads, with equilibria checked by an independent solver.
 
     python -m trust.equilibria --count 500 --seed 1 --json FILE
 
@@ -24,7 +24,7 @@ import numpy as np
 
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk
-from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.loads import Loads, Vector, vector
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Plan, Status
 from trunk_ocp.planning.planner import plan_motion
@@ -38,7 +38,7 @@ from trust.trial import Deadline
 NEAR = 1e-4
 """Of the trunk's length: twice what the package's own check lets pass."""
 CERTAIN = 2e-5
-"""Of the trunk's length: a plan this near an equilibrium has to pass."""
+"""Of the trunk's length: a plan this close to an equilibrium must pass the check."""
 PLANNING = 20.0  # s
 
 Array = np.ndarray
@@ -46,7 +46,7 @@ Array = np.ndarray
 
 @dataclass
 class Tally:
-    """What was tried and what came of it."""
+    """Counts of trials and outcomes."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     judged: int = 0
@@ -56,9 +56,9 @@ class Tally:
 
 
 def anatomy(rng: np.random.Generator) -> dict[str, Any]:
-    """A random anatomy, as the tables of its file."""
+    """A random anatomy, as in its file."""
     thick = float(rng.uniform(0.02, 0.12))
-    left = float(rng.choice([1.0, rng.uniform(0.05, 1.0), rng.uniform(0.01, 0.1)]))  # at the tip
+    tip = float(rng.choice([1.0, rng.uniform(0.05, 1.0), rng.uniform(0.01, 0.1)]))  # radius ratio
     count = int(rng.integers(1, 4))
     edges = np.concatenate([[0.0], np.sort(rng.uniform(0.2, 0.8, count - 1)), [1.0]])
     helix = float(rng.choice([0.0, rng.uniform(10, 50)]))
@@ -76,7 +76,7 @@ def anatomy(rng: np.random.Generator) -> dict[str, Any]:
         "name": "random",
         "length": float(10 ** rng.uniform(-2, 1)),
         "base_radius_over_length": thick,
-        "taper_deg": math.degrees(math.atan(thick * (1 - left))),
+        "taper_deg": math.degrees(math.atan(thick * (1 - tip))),
         "material": {
             "youngs_modulus": float(10 ** rng.uniform(4, 7)),
             "poisson_ratio": float(rng.uniform(0, 0.5)),
@@ -88,14 +88,14 @@ def anatomy(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def tip_force(rng: np.random.Generator, trunk: Trunk) -> list[float]:
-    """A tip force from a tenth of what bends the trunk to ten times that, thrusts and pulls."""
-    bends = trunk.youngs_modulus * math.pi / 4 * trunk.base_radius**4 / trunk.length**2
+def tip_force(rng: np.random.Generator, trunk: Trunk) -> Vector:
+    """A tip force of 0.1 to 10 times E I / L^2 in a random direction, or a thrust or pull."""
+    scale = trunk.youngs_modulus * math.pi / 4 * trunk.base_radius**4 / trunk.length**2
     ends = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]
-    way = rng.normal(size=3) if rng.uniform() < 0.6 else np.array(ends[int(rng.integers(2))])
-    left = 1 - trunk.length * trunk.tan_taper / trunk.base_radius
-    size = bends * 10 ** rng.uniform(-1, 1) * float(rng.choice([1.0, left**2, left**4]))
-    return [float(v) for v in size * way / np.linalg.norm(way)]
+    direction = rng.normal(size=3) if rng.uniform() < 0.6 else np.array(ends[int(rng.integers(2))])
+    tip = 1 - trunk.length * trunk.tan_taper / trunk.base_radius
+    size = scale * 10 ** rng.uniform(-1, 1) * float(rng.choice([1.0, tip**2, tip**4]))
+    return vector(size * direction / np.linalg.norm(direction))
 
 
 def drawn(rng: np.random.Generator) -> tuple[AnatomySpec, Trunk, Array, Loads]:
@@ -108,11 +108,11 @@ def drawn(rng: np.random.Generator) -> tuple[AnatomySpec, Trunk, Array, Loads]:
         sag = trunk.density * gravity * trunk.length / trunk.youngs_modulus
         zeta = reference.strains(trunk, activation[None])[0, :, 0]
         if sag < 2.0 and zeta.min() > 0.3:
-            return spec, trunk, activation, Loads(gravity, tuple(tip_force(rng, trunk)))
+            return spec, trunk, activation, Loads(gravity, tip_force(rng, trunk))
 
 
 def _frozen(value: Any) -> Any:
-    """Lists as tuples, as strict models want them from Python."""
+    """Lists as tuples, as strict pydantic models require them."""
     if isinstance(value, list):
         return tuple(_frozen(item) for item in value)
     if isinstance(value, dict):
@@ -121,10 +121,10 @@ def _frozen(value: Any) -> Any:
 
 
 def judge_shapes(count: int, seed: int) -> Tally:
-    """Shapes that statics finds, judged."""
+    """Check random shapes that statics finds."""
     tally = Tally()
     for number in range(count):
-        _told("shapes", number, tally)
+        _print_progress("shapes", number, tally)
         rng = np.random.default_rng([seed, 0, number])
         _, trunk, activation, load = drawn(rng)
         try:
@@ -138,22 +138,22 @@ def judge_shapes(count: int, seed: int) -> Tally:
     return tally
 
 
-def _told(what: str, number: int, tally: Tally) -> None:
+def _print_progress(kind: str, number: int, tally: Tally) -> None:
     if number % 20 == 0:
-        print(f"{number} {what}, {tally.judged} judged, faults: {tally.faults}", flush=True)
+        print(f"{number} {kind}, {tally.judged} checked, faults: {tally.faults}", flush=True)
 
 
-def _count(tally: Tally, off: float | None, what: str, wrong: bool) -> None:
+def _count(tally: Tally, off: float | None, name: str, wrong: bool) -> None:
     tally.undecided += off is None
     tally.judged += off is not None
     if off is not None and math.isfinite(off):
         tally.worst = max(tally.worst, off) if not wrong else tally.worst
     if wrong:
-        tally.faults.append(f"{what}: off by {off:.3g} L")
+        tally.faults.append(f"{name}: off by {off:.3g} L")
 
 
 def problem(rng: np.random.Generator, trunk: Trunk, activation: Array, load: Loads) -> Any:
-    """A problem file's tables: hold the tip where it is under some other activation."""
+    """A problem as in its file: hold the tip where another activation puts it."""
     other = activation * rng.uniform(0.3, 1.0, activation.size)
     tip = solve_statics(trunk, other, loads=load).position(np.array([trunk.length]))[0]
     return {
@@ -174,11 +174,11 @@ def problem(rng: np.random.Generator, trunk: Trunk, activation: Array, load: Loa
 
 
 def judge_plans(count: int, seed: int) -> Tally:
-    """Plans of such trunks, judged: solved ones, and those that the check did not let pass."""
+    """Check random plans: those that converged, whether or not they passed the verification."""
     tally, number = Tally(), 0
     while sum(tally.outcomes.values()) < count:
         number += 1
-        _told("plans", sum(tally.outcomes.values()), tally)
+        _print_progress("plans", sum(tally.outcomes.values()), tally)
         rng = np.random.default_rng([seed, 1, number])
         spec, trunk, activation, load = drawn(rng)
         try:
@@ -193,17 +193,17 @@ def judge_plans(count: int, seed: int) -> Tally:
     return tally
 
 
-def _judge_plan(plan: Plan, load: Loads, tally: Tally, what: str) -> None:
+def _judge_plan(plan: Plan, load: Loads, tally: Tally, name: str) -> None:
     judge = Judge(plan.motion.trunk, plan.activations[0], plan.head[0], load)
     off = judge.error(plan.shape[0])
     wrong = off is not None and not off <= NEAR
     if plan.status is Status.UNVERIFIED:
         wrong = off is not None and off <= CERTAIN and plan.verification.turn[0] <= CERTAIN
-    _count(tally, off, f"{what}, {plan.status.name.lower()}", wrong)
+    _count(tally, off, f"{name}, {plan.status.name.lower()}", wrong)
 
 
 def measure(shapes: int, plans: int, seed: int) -> dict[str, Any]:
-    """Counts of all that was tried."""
+    """Counts of all trials."""
     began, counts = time.perf_counter(), {}
     for name, tally in (
         ("shapes", judge_shapes(shapes, seed)),
@@ -214,9 +214,11 @@ def measure(shapes: int, plans: int, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run the trials, show and write the counts; exit code 1 if one did not hold."""
+    """Run the trials, print and write the counts; exit code 1 if any failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=500, help="shapes; a fifth as many plans")
+    parser.add_argument(
+        "--count", type=int, default=500, help="number of shapes; a fifth as many plans"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, dest="path")
     chosen = parser.parse_args()

@@ -1,7 +1,7 @@
-"""Problem and anatomy files by the hundred, many of them wrong.
+"""Random problem and anatomy files, many of them damaged.
 
-Strategies of hypothesis for well-formed files, whose motions are small and often within reach.
-`trust.mutations` spoils them; `trust.trial` plans what is left and checks the answers.
+Hypothesis strategies for well-formed files, whose motions are short and often feasible.
+`trust.mutations` damages them; `trust.trial` plans those that are accepted and checks the answers.
 
     python -m trust.inputs --count 500 --seed 1 --json out/inputs.json
 """
@@ -39,12 +39,12 @@ ELEPHANT_LENGTH = 1.75
 
 
 def numbers(low: float, high: float) -> st.SearchStrategy[float]:
-    """Numbers of a range, rounded as people write them."""
-    least = 1e-9 * max(abs(low), abs(high))  # below it is the rounding of a zero
+    """Numbers within a range, rounded as people write them."""
+    tiny = 1e-9 * max(abs(low), abs(high))  # smaller values are rounded zeros
 
     def number(k: int) -> float:
         value = low + (high - low) * k / 1000
-        return float(f"{value:.6g}") if abs(value) > least else 0.0
+        return float(f"{value:.6g}") if abs(value) > tiny else 0.0
 
     return st.integers(0, 1000).map(number)
 
@@ -55,7 +55,7 @@ def pairs(low: float, high: float) -> st.SearchStrategy[list[float]]:
 
 
 def vectors(size: float) -> st.SearchStrategy[list[float]]:
-    """Three numbers of up to a size."""
+    """Three numbers up to a size."""
     return st.lists(numbers(-size, size), min_size=3, max_size=3)
 
 
@@ -64,7 +64,7 @@ def vectors(size: float) -> st.SearchStrategy[list[float]]:
 
 @st.composite
 def muscles(draw: st.DrawFn, outer: float) -> list[Table]:
-    """None to six muscles of a segment, `outer` the trunk's radius over its length."""
+    """Zero to six muscles of a segment; `outer` is the trunk's radius over its length."""
     found = []
     for number in range(draw(st.integers(0, 6))):
         inner, second = draw(pairs(0.0, 1.0).filter(lambda p: p[0] < p[1]))
@@ -86,7 +86,7 @@ def muscles(draw: st.DrawFn, outer: float) -> list[Table]:
 
 @st.composite
 def anatomies(draw: st.DrawFn) -> Table:
-    """A well-formed anatomy of 1 to 4 segments; one in four is of an extreme size or stiffness."""
+    """A well-formed anatomy of 1 to 4 segments; one in four has an extreme size or stiffness."""
     extreme = draw(st.integers(0, 3)) == 0
     outer = draw(numbers(0.01, 0.15))
     inner = draw(st.lists(numbers(0.01, 0.99), max_size=3, unique=True))
@@ -119,7 +119,7 @@ def anatomies(draw: st.DrawFn) -> Table:
 
 @st.composite
 def directions(draw: st.DrawFn, step: int) -> list[float] | Table:
-    """A vector, or the direction that a step before number `step` (from 1) reaches."""
+    """A vector, or the direction reached by a step before number `step` (from 1)."""
     if step > 1 and draw(st.booleans()):
         return {"held_from_step": draw(st.integers(1, step - 1))}
     return draw(vectors(1.0).filter(lambda v: any(abs(x) > 1e-3 for x in v)))
@@ -127,7 +127,7 @@ def directions(draw: st.DrawFn, step: int) -> list[float] | Table:
 
 @st.composite
 def targets(draw: st.DrawFn, L: float, step: int) -> Table:
-    """One target of a phase that begins with step `step`."""
+    """One target of a phase that starts with step `step`."""
     target: Table = {"Z": draw(st.sampled_from([L, L, 0.5 * L, 0.83 * L, 0.0]))}
     origin = draw(st.sampled_from(["base", "base", "passive-tip"]))
     size = 0.3 * L
@@ -169,7 +169,7 @@ def wraps(draw: st.DrawFn, L: float) -> Table:
 
 @st.composite
 def loads(draw: st.DrawFn, L: float, contact: float, step: int) -> Table:
-    """Loads of a phase; `contact` is where the trunk touches, if it does."""
+    """Loads of a phase; `contact` is where contact starts, if there is any."""
     found: Table = {}
     for kind in draw(st.lists(st.sampled_from(["tip", "mass", "pull"]), unique=True)):
         if kind == "tip":
@@ -204,11 +204,11 @@ def loads(draw: st.DrawFn, L: float, contact: float, step: int) -> Table:
 
 @st.composite
 def limits(draw: st.DrawFn, names: list[str]) -> Table:
-    """Bounds of a phase or a motion, all of which hold the passive trunk."""
+    """Bounds of a phase or a motion; all contain the passive trunk."""
     found: Table = {}
     if draw(st.booleans()):
         found["activation"] = draw(pairs(-3.0, 0.0).map(lambda p: [p[0], 0.0]))
-    if names and draw(st.booleans()):
+    if bool(names) and draw(st.booleans()):
         patterns = st.sampled_from([*names, "*", "R*", "*1-*"])
         fitting = patterns.filter(lambda p: p != "R*" or any(n[0] == "R" for n in names))
         fitting = fitting.filter(lambda p: p != "*1-*" or any(n[1] == "1" for n in names))
@@ -224,8 +224,8 @@ def problems(draw: st.DrawFn, anatomy: Table | None) -> Table:
     """A well-formed problem of 1 to 4 steps, for an anatomy or, with None, the elephant."""
     L = ELEPHANT_LENGTH if anatomy is None else anatomy["length"]
     names = ["R1-dl", "L3-vr"] if anatomy is None else muscle_names(anatomy)
-    bounds = {"activation": [-3.0, 0.0], "extension": draw(st.sampled_from([[0.67, 1.35], [1, 2]]))}
-    bounds["extension"] = [float(x) for x in bounds["extension"]]
+    extension = draw(st.sampled_from([[0.67, 1.35], [1.0, 2.0]]))
+    bounds: Table = {"activation": [-3.0, 0.0], "extension": extension}
     contact = draw(st.sampled_from([0.0, 0.5, 0.8, 0.99])) * L
     phases: list[Table] = []
     step = 1
@@ -284,21 +284,21 @@ def muscle_names(anatomy: Table) -> list[str]:
 # --- cases -------------------------------------------------------------------------------
 
 KINDS = ("well-formed", "problem", "anatomy", "problem bytes", "anatomy bytes", "solution")
-"""What is spoilt in a case."""
-PATIENCE = 300
-"""Seconds after which a case counts as one without end, and the run stops with a traceback."""
+"""What is damaged in a case."""
+TIMEOUT = 300
+"""Seconds after which a case counts as a hang, and the run stops with a traceback."""
 
 
 @dataclass
 class Case:
-    """Files by name, and how they are to be planned; `kind` is one of `KINDS`."""
+    """Files by name, and the lookahead to plan them with; `kind` is one of `KINDS`."""
 
     kind: str
     files: dict[str, bytes]
     lookahead: int | None
 
     def judged(self, folder: Path) -> Verdict:
-        """Write the files into a folder, and try them."""
+        """Write the files into a folder, and run the trial."""
         for name in ("problem.toml", "arm.toml", "solution.nc"):
             (folder / name).unlink(missing_ok=True)
         for name, content in self.files.items():
@@ -310,7 +310,7 @@ class Case:
 
 @st.composite
 def cases(draw: st.DrawFn, kinds: tuple[str, ...] = KINDS) -> Case:
-    """A case of one of some kinds."""
+    """A case of one of the given kinds."""
     kind = draw(st.sampled_from(kinds))
     if kind == "solution":
         return Case(kind, {"solution.nc": draw(solutions())}, None)
@@ -352,7 +352,7 @@ def saved() -> tuple[Any, bytes]:
 
 @st.composite
 def solutions(draw: st.DrawFn) -> bytes:
-    """A saved plan with bytes changed, or with other attributes, or none at all."""
+    """A saved plan with changed bytes or attributes, or a pickle in its place."""
     data, content = saved()
     kind = draw(st.sampled_from(["bytes", "bytes", "attribute", "json", "pickle"]))
     if kind == "bytes":
@@ -380,15 +380,15 @@ def run(
     kinds: tuple[str, ...] = KINDS,
     progress: Callable[[str], object] = lambda line: None,
 ) -> dict[str, Any]:
-    """Try `count` cases drawn with a seed; what came of them, in numbers.
+    """Run `count` random cases.
 
     Returns
     -------
-    "tried" in all and by kind, "outcomes" (refused, or the status of the plan), "checked"
-    answers, "faults" with their files, and the "slowest" five.
+    Counts: "tried" in total and by kind, "outcomes" (refused, or the status of the plan),
+    "checked" answers, "faults" with their files, and the "slowest" five cases.
     """
     outcomes: Counter[str] = Counter()
-    every: Counter[str] = Counter()
+    by_kind: Counter[str] = Counter()
     faults: list[dict[str, Any]] = []
     slowest: list[tuple[float, str, dict[str, str]]] = []
     checked = 0
@@ -405,8 +405,8 @@ def run(
     def one(case: Case) -> None:
         nonlocal checked, slowest
         verdict = case.judged(Path(folder))
-        faulthandler.dump_traceback_later(PATIENCE, exit=True)  # for the next case
-        every[case.kind] += 1
+        faulthandler.dump_traceback_later(TIMEOUT, exit=True)  # for the next case
+        by_kind[case.kind] += 1
         outcomes[verdict.outcome] += 1
         checked += verdict.checked
         files = {name: text.decode("utf-8", "replace") for name, text in case.files.items()}
@@ -416,7 +416,7 @@ def run(
         for fault in verdict.faults:
             faults.append({"kind": case.kind, "fault": fault, "files": files})
             progress(f"{case.kind}: {fault}")
-        done = every.total()
+        done = by_kind.total()
         if done % 25 == 0:
             progress(f"{done}: {dict(outcomes)}, {checked} checked, {len(faults)} faults")
 
@@ -425,8 +425,8 @@ def run(
     faulthandler.cancel_dump_traceback_later()
     return {
         "seed": number,
-        "tried": every.total(),
-        "kinds": dict(every),
+        "tried": by_kind.total(),
+        "kinds": dict(by_kind),
         "outcomes": dict(outcomes),
         "checked": checked,
         "faults": faults,
@@ -438,11 +438,11 @@ def run(
 
 
 def main() -> None:
-    """Command line of a run; exits with 1 if anything went wrong."""
-    parser = argparse.ArgumentParser(description="Try problem, anatomy and solution files.")
+    """Run the trials, print and write the counts; exit code 1 if any failed."""
+    parser = argparse.ArgumentParser(description="Trials of problem, anatomy and solution files.")
     parser.add_argument("--count", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="where to write the numbers")
+    parser.add_argument("--json", type=Path, help="file for the counts")
     options = parser.parse_args()
     report = run(options.count, options.seed, progress=lambda line: print(line, flush=True))
     if options.json:

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from trunk_ocp.model.anatomy import Trunk
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.rod.statics import Shape
+from trunk_ocp.rod.shape import Shape
 from trust import reference
 
 TOLERANCE = 1e-7
@@ -172,7 +172,7 @@ class Judge:
             every_r.append(line)
             every_d.append(np.moveaxis(frames(found.sol(edges)[part][:4]), -1, 0))
             least, r = min(least, float(along.min())), line[-1]
-        return Rod(*map(np.concatenate, (every_Z, every_r, every_d)), least)
+        return Rod(np.concatenate(every_Z), np.concatenate(every_r), np.concatenate(every_d), least)
 
     def error(self, shape: Shape) -> float | None:
         """How far a shape is from the equilibrium next to it, in L; infinite if none exists.

@@ -1,10 +1,10 @@
-"""Ways to spoil a file: values that cannot be, structure gone wrong, bytes changed at random."""
+"""Ways to damage a file: impossible values, wrong structure, random bytes."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -21,26 +21,26 @@ HOSTILE: list[Any] = [
     Raw("1979-05-27T07:32:00Z"), Raw("07:32:00"), Raw("1" + "0" * 5000), Raw("0x" + "f" * 5000),
     Raw("[" * 3000 + "]" * 3000), Raw("{a=" * 3000 + "1" + "}" * 3000), Raw("nonsense"),
 ]  # fmt: skip
-"""What may stand in place of any value."""
+"""Values that may replace any other."""
 
 Place = tuple[str | int, ...]
 
 
-MOST_PLACES = 5000
-"""That may be changed; a long list repeated twice has millions."""
+MAX_PLACES = 5000
+"""Limit on the places considered; a long list that was repeated twice has millions."""
 
 
 def places(value: Any, path: Place = ()) -> Iterator[Place]:
-    """Paths of everything inside a table or list."""
-    inner = value.items() if isinstance(value, dict) else []
-    inner = enumerate(value) if isinstance(value, list) else inner
-    for key, part in inner:
+    """Paths of all entries of a table or list, nested ones included."""
+    entries: Iterable[tuple[str | int, Any]] = value.items() if isinstance(value, dict) else []
+    entries = enumerate(value) if isinstance(value, list) else entries
+    for key, part in entries:
         yield (*path, key)
         yield from places(part, (*path, key))
 
 
 def _changed(value: Any, how: str, draw: st.DrawFn) -> Any:
-    """Another value in place of one."""
+    """A replacement for a value."""
     if how == "scale" and isinstance(value, float):
         return value * draw(
             st.sampled_from([-1, 0, 1e-3, 1e3, 1e6, 1e-6, math.pi / 180, 180 / math.pi, 1e12])
@@ -54,7 +54,7 @@ def _changed(value: Any, how: str, draw: st.DrawFn) -> Any:
             return value[:-1]
     if isinstance(value, dict) and how == "add":
         return value | {draw(st.sampled_from(["gravty", "", "a.b", "\u001b", "k" * 10_000])): 1}
-    return copy.deepcopy(draw(st.sampled_from(HOSTILE)))  # later changes may go into it
+    return copy.deepcopy(draw(st.sampled_from(HOSTILE)))  # a copy, as later changes may modify it
 
 
 @st.composite
@@ -62,10 +62,10 @@ def mutated(draw: st.DrawFn, table: dict[str, Any]) -> dict[str, Any]:
     """A table with one to three changes anywhere."""
     result = copy.deepcopy(table)
     for _ in range(draw(st.integers(1, 3))):
-        every = list(islice(places(result), MOST_PLACES))
-        if not every:
+        candidates = list(islice(places(result), MAX_PLACES))
+        if not candidates:
             break
-        *outer, last = draw(st.sampled_from(every))
+        *outer, last = draw(st.sampled_from(candidates))
         owner: Any = result
         for key in outer:
             owner = owner[key]
@@ -81,7 +81,7 @@ def mutated(draw: st.DrawFn, table: dict[str, Any]) -> dict[str, Any]:
 
 @st.composite
 def damaged(draw: st.DrawFn, content: bytes) -> bytes:
-    """Bytes of a file with a few of them changed, a part gone, or in another encoding."""
+    """Contents of a file with a few bytes changed, a part missing, or in another encoding."""
     how = draw(
         st.sampled_from(["edit", "edit", "edit", "cut", "double line", "bom", "crlf", "cr", "nul",
                          "utf-16", "latin", "binary", "empty"])

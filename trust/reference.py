@@ -1,11 +1,14 @@
-"""The paper written out a second time, in plain NumPy and scipy: what the tests compare with.
+"""An independent implementation of the paper in NumPy and scipy, for comparisons in tests.
 
-Nothing here calls the package; it only reads the data of a trunk and of loads. The frame is
+Nothing here calls the package; it only reads the data of trunks and loads. The frame is
 a rotation matrix with rows d_i (the package uses quaternions), strains come from adaptive
 quadrature (the package uses a Gauss rule), and the rod is integrated by a Runge-Kutta code.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Sequence
 from functools import cache
 from itertools import pairwise
 
@@ -14,8 +17,13 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from trunk_ocp.model.anatomy import Muscle, Trunk
+from trunk_ocp.model.loads import Loads
 
-def fiber_angles(trunk, muscle, R, Z):
+Array = np.ndarray
+
+
+def fiber_angles(trunk: Trunk, muscle: Muscle, R: float, Z: float) -> tuple[float, float]:
     """(cos 2 alpha, cos beta sin 2 alpha) by eqs. (10), (19)-(22), (27), (29)."""
     taper = 1 - Z * trunk.tan_taper / trunk.base_radius
     phi = math.atan(R / (trunk.base_radius * taper) * trunk.tan_taper)
@@ -36,17 +44,17 @@ def fiber_angles(trunk, muscle, R, Z):
 
 
 @cache
-def strain_matrix(trunk):
+def strain_matrix(trunk: Trunk) -> Array:
     """(segments, 4, muscles): eqs. (5)-(7) at Z = 0 for unit activations."""
     nu, R0 = trunk.poisson_ratio, trunk.base_radius
     K0, K1 = math.pi * R0**2, math.pi / 4 * R0**4
     matrix = np.zeros((len(trunk.edges) - 1, 4, len(trunk.subdomains)))
     for column, muscle in enumerate(trunk.subdomains):
 
-        def axial(R, power, muscle=muscle):
+        def axial(R: float, power: int, muscle: Muscle = muscle) -> float:
             return 0.5 * (1 - nu + (1 + nu) * fiber_angles(trunk, muscle, R, 0.0)[0]) * R**power
 
-        def shear(R, muscle=muscle):
+        def shear(R: float, muscle: Muscle = muscle) -> float:
             return 0.5 * fiber_angles(trunk, muscle, R, 0.0)[1] * R**2
 
         first, second = muscle.sector
@@ -63,12 +71,12 @@ def strain_matrix(trunk):
     return matrix
 
 
-def strains(trunk, activation):
+def strains(trunk: Trunk, activation: Array) -> Array:
     """(B, segments, 4): extension and curvature at the scale of Z = 0."""
     return np.array([1.0, 0, 0, 0]) + np.einsum("sim,bm->bsi", strain_matrix(trunk), activation)
 
 
-def base(trunk, psi):
+def base(trunk: Trunk, psi: Sequence[float] | Array) -> tuple[Array, Array]:
     """Base position and frame (rows d_i) by eqs. (35)-(39)."""
     head = trunk.head
     turn = Rotation.from_euler("ZY", psi)
@@ -79,21 +87,23 @@ def base(trunk, psi):
     return S + head.pivot_radius * s.apply([0, 0, 1]), clamp.as_matrix().T
 
 
-def weight_beyond(trunk, Z):
+def weight_beyond(trunk: Trunk, Z: float) -> float:
     """Mass in kg beyond Z: the volume of a cone cut off at both ends, by its two radii."""
     a = trunk.base_radius - Z * trunk.tan_taper
     b = trunk.base_radius - trunk.length * trunk.tan_taper
     return trunk.density * math.pi / 3 * (trunk.length - Z) * (a * a + a * b + b * b)
 
 
-def slope(trunk, strain, segment, touching, loads):
+def slope(
+    trunk: Trunk, strain: Array, segment: int, touching: bool, loads: Sequence[Loads]
+) -> Callable[[float, Array], Array]:
     """Right-hand side of eqs. (14), (15) for B rods on a stretch without jumps; y is (B * 15,)."""
     L, E, nu = trunk.length, trunk.youngs_modulus, trunk.poisson_ratio
     lengths = np.diff(trunk.edges)
     mean = strain[:, :, 0] @ lengths / L
     extension, c = strain[:, segment, 0], strain[:, segment, 1:]
 
-    def right(Z, y):
+    def right(Z: float, y: Array) -> Array:
         y = y.reshape(-1, 15)
         frame, m = y[:, 3:12].reshape(-1, 3, 3), y[:, 12:]
         radius = trunk.base_radius - Z * trunk.tan_taper
@@ -127,7 +137,17 @@ def slope(trunk, strain, segment, touching, loads):
     return right
 
 
-def march(trunk, activation, head, loads, moment, Z, method="DOP853", rtol=1e-11, atol=1e-11):
+def march(
+    trunk: Trunk,
+    activation: Array,
+    head: Sequence[float] | Array,
+    loads: Sequence[Loads],
+    moment: Array,
+    Z: Sequence[float] | Array,
+    method: str = "DOP853",
+    rtol: float = 1e-11,
+    atol: float = 1e-11,
+) -> tuple[Array, Array, Array]:
     """Integrate B rods from the base with m(0) = moment; position, frame, moment at Z (sorted).
 
     Shapes (B, n, 3), (B, n, 3, 3), (B, n, 3). All loads share one contact_from.
@@ -162,10 +182,17 @@ def march(trunk, activation, head, loads, moment, Z, method="DOP853", rtol=1e-11
     return out[..., :3], out[..., 3:12].reshape(*out.shape[:2], 3, 3), out[..., 12:]
 
 
-def shoot(trunk, activation, head, load, guess, rtol=1e-12):
+def shoot(
+    trunk: Trunk,
+    activation: Array,
+    head: Sequence[float] | Array,
+    load: Loads,
+    guess: Array,
+    rtol: float = 1e-12,
+) -> Array:
     """m(0) of one rod such that m(L) = 0, by scipy's root finder on `march`."""
 
-    def tip_moment(moment):
+    def tip_moment(moment: Array) -> Array:
         ends = march(trunk, activation, head, [load], moment, [trunk.length], rtol=rtol, atol=rtol)
         return ends[2][0, -1]
 
@@ -174,7 +201,7 @@ def shoot(trunk, activation, head, load, guess, rtol=1e-12):
     return found.x
 
 
-# DESIGN section 2: computed by two independent codes, printed to six decimals.
+# Computed by two independent codes, to six decimals.
 UNIT_RESPONSES = {
     "R1-dl": (0.126081, 2.487782, -2.124715, 0),
     "R1-ovo": (0.032572, 0.679031, 0.679039, -0.981985),

@@ -1,11 +1,11 @@
-"""Everything that is tried to make the product fail, and docs/reliability.md from its counts.
+"""All reliability trials, and docs/reliability.md from their counts.
 
     python -m trust.run --inputs 2000 --trials 60 --seed 1
 
-Cases are validated, files are made up and damaged, runs are killed and resumed, commands are
-interrupted, shapes and plans of extreme trunks are judged, and the fruit motion is integrated
-between its time steps. The counts go to results/reliability.json, from which the page is written.
-Exit code 1 if anything disagreed.
+Validation cases are evaluated, files are generated and damaged, runs are killed and resumed,
+commands are interrupted, shapes and plans of extreme trunks are checked, and the fruit motion is
+integrated between its time steps. The counts go to results/reliability.json, from which the page is
+written. Exit code 1 if anything failed.
 """
 
 from __future__ import annotations
@@ -28,13 +28,18 @@ PAGE = ROOT / "docs" / "reliability.md"
 
 
 def main() -> None:
-    """Run all parts, write counts and page."""
+    """Run all parts, and write the counts and the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=2000, help="files tried")
-    parser.add_argument("--trials", type=int, default=60, help="runs that are ended and resumed")
-    parser.add_argument("--damaged", type=int, default=2000, help="saved files tried")
-    parser.add_argument("--moments", type=int, default=5, help="Ctrl-C of each command")
-    parser.add_argument("--equilibria", type=int, default=500, help="shapes judged, 5 to a plan")
+    parser.add_argument("--inputs", type=int, default=2000, help="number of generated files")
+    parser.add_argument("--trials", type=int, default=60, help="number of runs stopped and resumed")
+    parser.add_argument("--damaged", type=int, default=2000, help="number of damaged saved files")
+    parser.add_argument("--moments", type=int, default=5, help="interrupts per command")
+    parser.add_argument(
+        "--equilibria",
+        type=int,
+        default=500,
+        help="number of shapes, and five times the number of plans",
+    )
     parser.add_argument("--seed", type=int, default=1)
     chosen = parser.parse_args()
     began = time.perf_counter()
@@ -55,7 +60,7 @@ def main() -> None:
             )
             for name, arguments in parts.items()
         }
-        counts: dict[str, Any] = {"validation": validated()}
+        counts: dict[str, Any] = {"validation": validate()}
         for name, process in running.items():
             process.wait()
             counts[name] = json.loads(Path(folder, f"{name}.json").read_text())
@@ -66,31 +71,28 @@ def main() -> None:
     }
     COUNTS.write_text(json.dumps(counts, indent=1) + "\n")
     PAGE.write_text(page(counts), encoding="utf-8")
-    print(f"{PAGE.relative_to(ROOT)} and {COUNTS.relative_to(ROOT)} are written.")
-    sys.exit(1 if wrong(counts) else 0)
+    print(f"Wrote {COUNTS.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}.")
+    sys.exit(1 if failures(counts) else 0)
 
 
-def wrong(part: Any) -> list[str]:
-    """Every sentence on what disagreed, wherever in the counts."""
+def failures(part: Any) -> list[str]:
+    """Descriptions of all failures, anywhere in the counts."""
     if not isinstance(part, dict):
         return []
-    own = [text for name in ("faults", "disagreements") for text in _sentences(part.get(name))]
-    return [*own, *(text for inner in part.values() for text in wrong(inner))]
+    lists = (part.get(name) for name in ("faults", "disagreements"))
+    here = [text for texts in lists if isinstance(texts, list) for text in texts]
+    return [*here, *(text for inner in part.values() for text in failures(inner))]
 
 
-def _sentences(found: Any) -> list[str]:
-    return found if isinstance(found, list) else []
-
-
-def validated() -> dict[str, Any]:
-    """Cases evaluated and those that are off by more than they may; writes docs/validation.md."""
+def validate() -> dict[str, Any]:
+    """Evaluate the validation cases and write docs/validation.md; counts of cases."""
     from trust.validate import evaluate
     from trust.validation import CASES
-    from trust.validation.case import HeldByTest
+    from trust.validation.case import CoveredByTest
 
-    failed = evaluate()
-    held = sum(isinstance(case, HeldByTest) for case in CASES)
-    return {"cases": len(CASES) - held, "held_by_tests": held, "disagreements": failed}
+    disagreements = evaluate()
+    covered = sum(isinstance(case, CoveredByTest) for case in CASES)
+    return {"cases": len(CASES) - covered, "held_by_tests": covered, "disagreements": disagreements}
 
 
 if __name__ == "__main__":

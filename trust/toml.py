@@ -1,4 +1,4 @@
-"""TOML text of plain values, hostile ones included; the standard library only reads TOML."""
+"""TOML text of plain values, including hostile ones; the standard library only reads TOML."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 
 class Raw(str):
-    """Text to be written as it is, such as a date or a number that Python would not write."""
+    """Text to write verbatim, such as a date or a number that Python would not write."""
 
 
 def toml(table: dict[str, Any]) -> str:
-    """A TOML file: one line for each key, inner tables inline."""
+    """A TOML file: one line per key, inner tables inline."""
     return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in table.items())
 
 
@@ -35,5 +35,5 @@ def _value(value: Any) -> str:
 
 
 def _string(text: str) -> str:
-    """A basic string; TOML escapes as JSON does, but for DEL."""
+    """A basic string; TOML escapes as JSON does, except for DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

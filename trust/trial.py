@@ -1,4 +1,4 @@
-"""One file on trial: it is refused with a message, or planned, and the answer is checked."""
+"""Trial of one file: it must be refused with a message, or planned with a correct answer."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from .answers import wrongs
 READING = 2.0
 """Seconds of processor time that reading a file may take; a passive trunk may have to be found."""
 PLANNING = 30.0
-"""Seconds after which a plan is told to stop."""
+"""Seconds after which a plan is stopped."""
 
 
 class Deadline(Reporter):
-    """Ends a plan after some seconds."""
+    """Stops a plan after some seconds."""
 
     def __init__(self, seconds: float) -> None:
         self._end = time.monotonic() + seconds
 
     def iteration(self, progress: Progress) -> None:
-        """Stop once the time is over."""
+        """Stop once the time is up."""
         self.stop = time.monotonic() > self._end
 
 
 @dataclass
 class Verdict:
-    """What became of one file.
+    """Outcome of a trial.
 
-    `outcome` is "refused" or the status of the plan; `faults` what should not have happened.
+    `outcome` is "refused" or the status of the plan; `faults` lists what went wrong.
     """
 
     outcome: str
@@ -70,18 +70,18 @@ def tried(path: Path, lookahead: int | None = None) -> Verdict:
         verdict.reading = time.process_time() - began
         if verdict.reading > READING:
             verdict.faults.append(f"reading took {verdict.reading:.1f} s")
-        verdict.faults += [f"warned in reading: {w.message}" for w in caught]
+        verdict.faults += [f"warning while reading: {w.message}" for w in caught]
         caught.clear()
         if verdict.outcome == "read":
             _plan(motion, path, lookahead, verdict)
-        # Only of our own code: what judges the answer may find it hard.
+        # Only warnings of the package: the independent check may warn of its own difficulties.
         ours = [w for w in caught if "trunk_ocp" in w.filename]
-        verdict.faults += [f"warned: {w.message} ({w.filename}:{w.lineno})" for w in ours]
+        verdict.faults += [f"warning: {w.message} ({w.filename}:{w.lineno})" for w in ours]
     return verdict
 
 
 def restored(folder: Path) -> Verdict:
-    """Load a saved plan that may be damaged, and judge what it says."""
+    """Load a saved plan that may be damaged, and check its contents."""
     began = time.perf_counter()
     verdict = Verdict("refused")
     try:
@@ -103,7 +103,7 @@ def restored(folder: Path) -> Verdict:
 
 
 def _plan(motion: Motion, path: Path, lookahead: int | None, verdict: Verdict) -> None:
-    """Plan a motion and judge the plan."""
+    """Plan a motion and check the plan."""
     began = time.perf_counter()
     reporter = Deadline(PLANNING)
     try:

@@ -1,11 +1,11 @@
-"""`python -m trust.validate`: evaluate every case, write docs/validation.md and its figures."""
+"""`python -m trust.validate`: evaluate all cases, write docs/validation.md and its figures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from trust.validation import CASES
-from trust.validation.case import HeldByTest
+from trust.validation.case import CoveredByTest
 from trust.validation.figures import draw_all
 from trust.validation.report import page
 
@@ -13,8 +13,8 @@ DOCS = Path(__file__).parent.parent / "docs"
 
 
 def evaluate() -> list[str]:
-    """Write the page and its figures; names of the cases that are off by more than they may."""
-    cases = [case for case in CASES if not isinstance(case, HeldByTest)]
+    """Write the page and its figures; returns the names of cases outside their tolerance."""
+    cases = [case for case in CASES if not isinstance(case, CoveredByTest)]
     errors = {case.name: case.error() for case in cases}
     draw_all(DOCS / "figures")
     (DOCS / "validation.md").write_text(page(CASES, errors), encoding="utf-8")
@@ -23,9 +23,9 @@ def evaluate() -> list[str]:
 
 
 def main() -> None:
-    """Evaluate; exit with 1 if a case is off by more than it may."""
+    """Evaluate; exit code 1 if a case is outside its tolerance."""
     if failed := evaluate():
-        raise SystemExit("off by more than allowed: " + "; ".join(failed))
+        raise SystemExit("outside tolerance: " + "; ".join(failed))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from plans import TOUCH, written
 import trunk_ocp
 from trunk_ocp._support import process_pool as parallel
 from trunk_ocp._support.process_pool import cores, finished, run
-from trunk_ocp.cli import draw_run as drawing
+from trunk_ocp.cli import run_figures as drawing
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.plan import PlanError
@@ -125,7 +125,7 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
     monkeypatch.setattr(drawing, "PARTS", drawing.PARTS[-1:])
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), lookahead=1)
     drawn = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
-    assert drawn == drawing.Drawn(tmp_path / drawing.PAGE, ())
+    assert drawn == drawing.DrawnRun(tmp_path / drawing.PAGE, ())
     assert drawn.page.exists()
     assert (tmp_path / "sequential" / "figures" / "errors.png").exists()
 

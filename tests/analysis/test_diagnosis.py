@@ -427,8 +427,8 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
     ("status", "words"),
     [
         (Status.MISSED, ["step 1", "Z = 1.75 m", "R2-ivo", "from -0.1 to"]),
-        (Status.INFEASIBLE, ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraints off by"]),
-        (Status.ITERATION_LIMIT, ["--max-iterations", "slope left"]),
+        (Status.INFEASIBLE, ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraint violation"]),
+        (Status.ITERATION_LIMIT, ["--max-iterations", "optimality error"]),
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
         (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),

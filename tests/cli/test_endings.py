@@ -17,11 +17,11 @@ from plans import TOUCH, written
 
 import trunk_ocp
 from trunk_ocp.cli import commands
-from trunk_ocp.cli import draw_run as drawing
+from trunk_ocp.cli import run_figures as drawing
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.cli.interrupts import Interrupts
 from trunk_ocp.cli.option_types import Number, Numbers
-from trunk_ocp.cli.stdout import Steady, steady_streams
+from trunk_ocp.cli.safe_streams import SafeStream, safe_streams
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import FORMATS
 from trunk_ocp.reporting import Reporter
@@ -61,7 +61,7 @@ def test_help_is_there_without_importing_anything_large(words):
 
 
 def test_the_list_of_commands_says_what_their_own_help_says():
-    for name, (_, _, about) in commands.main.elsewhere.items():
+    for name, (_, _, about) in commands.main.lazy_commands.items():
         own = " ".join(every_command()[name].help.split())
         assert own.startswith(about.rstrip("."))
 
@@ -105,7 +105,7 @@ def test_a_second_ctrl_c_ends_native_code():
     )
     ended = trials.struck(code, (), Path.cwd(), (0.3, 0.2), signal.SIGINT)
     assert ended.code == 4
-    assert "Stopped at once" in ended.errors
+    assert "Stopped immediately" in ended.errors
 
 
 def destroy(things):
@@ -149,14 +149,14 @@ def test_an_interrupt_in_a_destructor_is_not_lost():
     with Interrupts() as interrupts:
         with pytest.raises(KeyboardInterrupt):
             destroy([Clumsy()])
-        assert interrupts.came
+        assert interrupts.received
 
 
 def test_an_interrupt_that_came_before_planning_stops_it():
     with Interrupts() as interrupts:
-        interrupts.came = True
+        interrupts.received = True
         reporter = Reporter()
-        with interrupts.patience(reporter):
+        with interrupts.graceful_stop(reporter):
             assert reporter.stop
 
 
@@ -277,7 +277,7 @@ def full_output(tmp_path, monkeypatch):
     stream = Full()
     stream.place = (tmp_path / "output").open("w")
     monkeypatch.setattr(sys, "stdout", stream)
-    with stream.place, steady_streams() as output:
+    with stream.place, safe_streams() as output:
         yield output
 
 
@@ -290,10 +290,10 @@ def test_lost_output_is_an_error_where_it_is_all_there_is(tmp_path, monkeypatch)
 
 
 def test_a_reader_that_wants_no_more_is_no_error():
-    steady = Steady(io.StringIO())
-    steady.error = BrokenPipeError(errno.EPIPE, "Broken pipe")
-    steady.check()
-    assert not steady.lost
+    stream = SafeStream(io.StringIO())
+    stream.error = BrokenPipeError(errno.EPIPE, "Broken pipe")
+    stream.check()
+    assert not stream.lost
 
 
 # --- numbers -------------------------------------------------------------------------------

@@ -92,7 +92,7 @@ def test_a_check_that_does_not_end_well_is_told(tmp_path, monkeypatch):
     def refuse(folder, to, what):
         raise CheckError("position 1e-3 ABOVE 1e-10")
 
-    monkeypatch.setattr("trunk_ocp.cli.export.check_export", refuse)
+    monkeypatch.setattr("trunk_ocp.cli.export_model.check_export", refuse)
     result = export("asian-elephant", "--to", "casadi", "--out", tmp_path, "--check")
     assert result.exit_code == 3
     assert "does not pass its check" in result.stderr

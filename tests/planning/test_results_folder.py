@@ -232,7 +232,7 @@ def test_the_page_shows_only_plans_that_belong_together(here):
         save_plan(plan, here / "run" / ("sequential", "horizon")[number])
     result = verb("view", "run", "--no-browser")
     assert result.exit_code == 0
-    assert "sequential: is of another problem" in result.stderr
+    assert "sequential: left out, as its problem" in result.stderr
     save_plan(plan, here / "alone" / "horizon")
     verb("view", "alone", "--no-browser")
     pages = [(here / name / "motion.html").read_bytes() for name in ("run", "alone")]

@@ -20,7 +20,7 @@ def test_a_controller_on_exported_c_keeps_the_tip_at_a_swinging_fruit(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert "2000 ticks of 10 ms" in done.stdout
-    worst = re.search(r"mean square, ([\d.]+) mm at most", done.stdout)[1]
+    worst = re.search(r"RMS\), ([\d.]+) mm \(max", done.stdout)[1]
     assert float(worst) < 4.0  # of a swing of half a meter
     low, high = re.search(r"segments: (\d\.\d+) to (\d\.\d+)", done.stdout).groups()
     assert float(low) > 0.67  # the paper's bounds on extension

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trust.validation import CASES
-from trust.validation.case import Case, HeldByTest
+from trust.validation.case import Case, CoveredByTest
 from trust.validation.report import HEAD, UNDER, cells
 
 ROOT = Path(__file__).parents[2]
@@ -52,7 +52,7 @@ def test_no_two_cases_share_a_name():
 
 
 @pytest.mark.parametrize(
-    "held", [c for c in CASES if isinstance(c, HeldByTest)], ids=lambda c: c.name
+    "held", [c for c in CASES if isinstance(c, CoveredByTest)], ids=lambda c: c.name
 )
 def test_what_the_page_says_is_held_by_a_test_is(held):
     file, name = held.test.split("::")
@@ -80,5 +80,5 @@ def test_a_case_that_computes_nan_fails():
 
 
 def test_a_case_may_not_compare_shapes_that_numpy_would_stretch():
-    with pytest.raises(ValueError, match=r"\(2,\) against \(1,\)"):
+    with pytest.raises(ValueError, match=r"\(2,\) vs\. \(1,\)"):
         case_of([1.0, 1.0], [1.0]).error()

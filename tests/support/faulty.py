@@ -12,10 +12,9 @@ import sys
 import threading
 from pathlib import Path
 
-import trunk_ocp.cli.draw_run
-from trunk_ocp.cli import commands
+import trunk_ocp.cli.run_figures
+from trunk_ocp.cli import commands, progress
 from trunk_ocp.cli import solve as cli
-from trunk_ocp.cli import tables as screen
 from trunk_ocp.planning import checkpoint
 
 FAULT, MOMENT, COUNT = sys.argv[1], sys.argv[2], int(sys.argv[3])
@@ -53,7 +52,7 @@ def after(owner, name):
     setattr(owner, name, struck)
 
 
-def draw(*arguments, real=trunk_ocp.cli.draw_run.draw_run):
+def draw(*arguments, real=trunk_ocp.cli.run_figures.draw_run):
     threading.Timer(1.5, strike).start() if FAULT == "KILL" else strike()
     return real(*arguments)
 
@@ -64,13 +63,13 @@ if __name__ == "__main__":
     elif MOMENT == "keeping":
         before(Path, "rename")
     elif MOMENT == "iteration":
-        before(screen.Screen, "iteration")
+        before(progress.ProgressDisplay, "iteration")
     elif MOMENT == "beginning":
         before(checkpoint.Checkpoint, "enter")
     elif MOMENT == "reading":
         before(cli, "load_motion")
     elif MOMENT == "drawing":
-        trunk_ocp.cli.draw_run.draw_run = draw
+        trunk_ocp.cli.run_figures.draw_run = draw
     else:
         before(os, "replace", lambda source, target: Path(target).name == MOMENT)
     sys.argv[1:4] = []

@@ -1,6 +1,6 @@
-"""The commands `solve-motion` and `trunk-ocp`: their options, and where the work is done.
+"""The commands `solve-motion` and `trunk-ocp`, and the options of those that start quickly.
 
-Imports little, so that help is there at once; what a command does is imported when it runs.
+Imports little, so that help appears at once; each command imports what it needs when it runs.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
-from .ending import Command, Group
+from .command_base import Command, LazyGroup
 from .option_types import Number
-from .stdout import standard_output
+from .safe_streams import standard_output
 
 
 @click.command("solve", cls=Command)
@@ -26,103 +27,167 @@ from .stdout import standard_output
     type=click.Choice(["horizon", "sequential", "both"]),
     default="horizon",
     show_default=True,
-    help="Plan all time steps as one NLP, one step after the other, or both ways.",
+    help="Plan all time steps together as one NLP, one step at a time, or both ways.",
 )
 @click.option(
     "--lookahead",
     type=Number("lookahead"),
     metavar="H",
-    help="Plan H time steps at a time (a receding horizon); instead of --mode.",
+    help="Plan H time steps at a time (receding horizon); replaces --mode.",
 )
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Where results go.  [default: results/PROBLEM]",
+    help="Folder for results.  [default: results/PROBLEM]",
 )
-@click.option("--linear-solver", default="mumps", show_default=True, help="Linear solver of Ipopt.")
+@click.option(
+    "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."
+)
 @click.option(
     "--max-iterations",
     type=Number("max_iterations"),
     metavar="N",
     default=1000,
     show_default=True,
-    help="Most iterations of one solve.",
+    help="Iteration limit of each solve.",
 )
 @click.option(
     "--starts",
     type=Number("starts"),
     default=1,
     show_default=True,
-    help="Solve a horizon from N starts and keep the best: the sequential plan, the passive "
-    "trunk, random ones.",
+    help="Solve the horizon from N initial guesses and keep the best plan: the sequential plan, "
+    "then the passive trunk, then random ones.",
     metavar="N",
 )
-@click.option("--resume", is_flag=True, help="Go on with an unfinished run, from its last window.")
-@click.option("--no-figures", is_flag=True, help="Draw no figures and no page.")
-@click.option("--film", is_flag=True, help="Make a film as well: half a minute or more.")
-@click.option("--quiet", is_flag=True, help="Print nothing but what went wrong.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON, and no more.")
-def solve(**options: Any) -> None:
-    """Plan a motion: which muscles contract when, and how the head turns.
+@click.option("--resume", is_flag=True, help="Continue an unfinished run where it stopped.")
+@click.option("--no-figures", is_flag=True, help="Skip the figures and the interactive page.")
+@click.option("--film", is_flag=True, help="Also make a film; takes half a minute or more.")
+@click.option("--quiet", is_flag=True, help="Print warnings and errors only.")
+@click.option("--json", "as_json", is_flag=True, help="Print only the summary, as JSON.")
+def solve(
+    lookahead: int | None,
+    linear_solver: str,
+    max_iterations: int,
+    starts: int,
+    no_figures: bool,
+    **options: Any,
+) -> None:
+    """Plan a motion: which muscles contract when, and how the head moves.
 
-    PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of
-    your own.
+    PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of your
+    own (.toml). Planning takes a few seconds for the shipped motions, the figures about ten
+    more. Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
+    interactive page in DIR. Ctrl-C stops and saves the best plan so far; press it again to quit
+    immediately.
 
     Exit codes: 0 solved and verified; 2 bad usage or problem file, or files that cannot be
-    written; 3 not converged, not verified, unstable, or a target out of reach (what was reached
-    is saved and marked); 4 interrupted (the best so far is saved).
+    written; 3 not converged, not verified, unstable, or a target out of reach (the plan is saved
+    and marked as such); 4 interrupted (the best plan so far is saved).
     """
+    context = click.get_current_context()
+    if lookahead is not None and context.get_parameter_source("mode") != ParameterSource.DEFAULT:
+        raise click.UsageError("give --mode or --lookahead, not both.")
+    from ..planning.options import Options
     from .solve import run_solve
 
-    run_solve(**options, resume_with=resume_command(click.get_current_context().params))
+    run_solve(
+        lookahead=lookahead,
+        options=Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts),
+        figures=not no_figures,
+        resume_command=resume_command(context.params),
+        **options,
+    )
 
 
-def resume_command(given: Mapping[str, Any]) -> str:
-    """`solve-motion` with the arguments and options of an earlier run, as saved, and --resume."""
-    words = ["solve-motion", str(given.get("problem", "PROBLEM"))]
+def resume_command(parameters: Mapping[str, Any]) -> str:
+    """The `solve-motion` command that resumes a run with these saved arguments and options."""
+    words = ["solve-motion", str(parameters.get("problem", "PROBLEM"))]
     for option in solve.params:
-        value, name = given.get(str(option.name)), option.opts[0]
-        usual = value in (None, False, option.default)
-        if name.startswith("--") and name != "--resume" and not usual:
+        value, name = parameters.get(str(option.name)), option.opts[0]
+        is_default = value in (None, False, option.default)
+        if name.startswith("--") and name != "--resume" and not is_default:
             words += [name] if value is True else [name, str(value)]
     return shlex.join([*words, "--resume"])
 
 
 @click.group(
-    cls=Group,
-    elsewhere={
-        "compare": ("studies", "compare_ways", "Ask what foresight is worth."),
-        "convert": ("finished_runs", "convert", "Write a finished run for other programs."),
-        "explain": ("finished_runs", "explain_run", "Say why a finished run is what it is."),
-        "export": (
-            "export",
-            "export_model",
-            "Write the map from activations, head and loads to shape for another program.",
+    cls=LazyGroup,
+    lazy_commands={
+        "compare": (
+            "studies",
+            "compare_command",
+            "Compare planning step by step, as in the paper, with planning ahead.",
         ),
-        "optima": ("studies", "many_starts", "Ask whether the reported plan is the best."),
-        "redundancy": ("studies", "redundant", "Tell which muscles a finished run determines."),
-        "survey": ("studies", "survey_limits", "Ask how many steps ahead suffice."),
-        "view": ("finished_runs", "view", "Open the page of a finished run in a browser."),
+        "convert": (
+            "finished_runs",
+            "convert_command",
+            "Write a finished run as files for Blender, ParaView and OpenSim.",
+        ),
+        "explain": (
+            "finished_runs",
+            "explain_command",
+            "Explain a finished run: why it failed, or what limits it.",
+        ),
+        "export": (
+            "export_model",
+            "export_command",
+            "Write the trunk model (activations, head, loads to shape) as code.",
+        ),
+        "optima": (
+            "studies",
+            "optima_command",
+            "Look for better local optima than the reported plan, from many starts.",
+        ),
+        "redundancy": (
+            "studies",
+            "redundancy_command",
+            "Show which muscles a finished run needs, and what others could replace.",
+        ),
+        "survey": (
+            "studies",
+            "survey_command",
+            "Find how many steps of lookahead suffice under limits on strength and speed.",
+        ),
+        "view": (
+            "finished_runs",
+            "view_command",
+            "Open the interactive page of a finished run in a browser.",
+        ),
     },
 )
 @click.version_option(package_name="trunk_ocp")
 def main() -> None:
-    """Plan whole motions of a muscular trunk."""
+    """Plan whole motions of a muscular trunk.
+
+    Start with trunk-ocp solve (or solve-motion, the same command). Commands that work on a
+    finished run (explain, view, convert, redundancy) take the problem or the folder of its
+    results; the studies (compare, survey, optima) plan the motion many times themselves.
+    """
 
 
-@main.command("tables", cls=Command)
-@click.option("--anatomy", default="asian-elephant", show_default=True, help="Name or file.")
+@main.command("tables")
+@click.option(
+    "--anatomy",
+    default="asian-elephant",
+    show_default=True,
+    metavar="NAME|FILE",
+    help="Shipped anatomy, or an anatomy file.",
+)
 def tables(anatomy: str) -> None:
-    """Print what each muscle group does, and how strongly (the paper's Tables 2 and 3)."""
+    """Print the effect of each muscle group, and its rank (the paper's Tables 2 and 3).
+
+    Takes about a second.
+    """
     from .solve import print_tables
 
     print_tables(anatomy)
 
 
-@main.command("schema", cls=Command)
+@main.command("schema")
 def schema() -> None:
-    """Print the JSON Schema of problem files, for editors."""
+    """Print the JSON Schema of problem files, for completion and checks in editors."""
     from ..problem.problem_file import problem_schema
 
     output = standard_output()

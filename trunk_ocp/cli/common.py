@@ -1,4 +1,4 @@
-"""What commands about plans share: which finished run a user means, and how its plans ended."""
+"""What several commands do with plans: find those of a finished run, print how they ended."""
 
 from __future__ import annotations
 
@@ -13,33 +13,42 @@ from ..planning.plan import Plan, Status
 from ..planning.results_folder import is_of
 from ..planning.storage import SOLUTION, load_plan
 from ..problem.problem_file import ProblemSpec
-from .ending import clean_errors as clean_errors
 
 
-def finished(run: str) -> tuple[Path, dict[Path, Plan]]:
-    """Folder of a finished run, given it or a problem's name or file, and its plans by folder.
+def load_run(run: str) -> tuple[Path, dict[Path, Plan]]:
+    """Load the plans of a finished run.
+
+    Parameters
+    ----------
+    run : str
+        A folder of results, the solution.nc in it, or a problem's name or file.
+
+    Returns
+    -------
+    tuple
+        The run's folder, and its plans by their folders.
 
     Raises
     ------
     InputError
-        If there is none, or one that cannot be read.
+        If there is no finished run, or its files cannot be read.
     """
-    folder = _folder_of(run)
-    found = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
-    if not found and any(folder.glob(f"*/{Path(FILE).stem}*.npz")):
+    folder = _run_folder(run)
+    solutions = sorted(folder.glob("*/solution.nc")) or sorted(folder.glob("solution.nc"))
+    if not solutions and any(folder.glob(f"*/{Path(FILE).stem}*.npz")):
         raise InputError(
-            f"{folder}: has an unfinished run only. Go on with it first: the same solve-motion "
-            "command with --resume."
+            f"{folder}: this run is unfinished. Finish it first: repeat its solve-motion command "
+            "with --resume."
         )
-    if not found:
+    if not solutions:
         raise InputError(
-            f"{run}: no finished run here or in {folder}/; expected a folder that solve-motion "
-            "wrote. Plan the motion first: solve-motion PROBLEM --out DIR."
+            f"{run}: no finished run in {folder}/. Plan the motion first (solve-motion PROBLEM "
+            "--out DIR), or give the folder that has its results."
         )
-    return folder, {path.parent: load_plan(path.parent, throw=False) for path in found}
+    return folder, {path.parent: load_plan(path.parent, throw=False) for path in solutions}
 
 
-def _folder_of(run: str) -> Path:
+def _run_folder(run: str) -> Path:
     path = Path(run)
     if path.name == SOLUTION and is_file(path):
         return path.parent
@@ -52,22 +61,22 @@ def _folder_of(run: str) -> Path:
     folder = Path("results") / read_toml(path, ProblemSpec).name
     if not is_of(folder, run):
         raise InputError(
-            f"{folder}: has results of another problem with the same name as in {run}; expected "
-            "those of this file. Name the folder that you mean instead of the file."
+            f"{folder}: these results are for another problem with the same name as {run}. Give "
+            "the folder of results instead of the problem file."
         )
     return folder
 
 
-def tell(console: Console, text: str) -> None:
-    """Print a line that has words of files or names of folders in it: as it is, obeyed by none."""
+def print_plain(console: Console, text: str) -> None:
+    """Print a line with names from files in it, without interpreting them as markup."""
     console.print(printable(text), markup=False, soft_wrap=True)
 
 
-def verdict(console: Console, plan: Plan) -> None:
-    """How a plan ended, in color, and its notes."""
+def print_outcome(console: Console, plan: Plan) -> None:
+    """Print how a plan ended, in color, and its notes."""
     color = "green" if plan.status is Status.SOLVED else "yellow"
     planned, steps = len(plan.x), len(plan.motion.steps)
     part = "" if planned == steps else f" ({planned} of {steps} time steps)"
     console.print(f"[{color}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
-    for sentence in plan.notes:
-        tell(console, f"  {sentence}")
+    for note in plan.notes:
+        print_plain(console, f"  {note}")

@@ -1,4 +1,4 @@
-"""Where the installed commands begin: Ctrl-C is answered before anything large is imported."""
+"""Entry points of the installed commands: Ctrl-C works before anything large is imported."""
 
 from __future__ import annotations
 
@@ -7,46 +7,47 @@ import contextlib
 import os
 import sys
 
-from .interrupts import INTERRUPTED, Interrupts
+from .exit_codes import INTERNAL_ERROR, INTERRUPTED, SUCCESS
+from .interrupts import Interrupts
 
 
 def solve_motion() -> None:
-    """`solve-motion`."""
+    """Run `solve-motion`."""
     _run("solve")
 
 
 def trunk_ocp() -> None:
-    """`trunk-ocp`."""
+    """Run `trunk-ocp`."""
     _run("main")
 
 
 def _run(name: str) -> None:
     interrupts = Interrupts().__enter__()  # until the process ends
     codes: list[int] = []
-    atexit.register(_leave, codes)  # first in, last out
+    atexit.register(_exit_quickly, codes)  # registered first, so it runs last
     try:
         from . import commands
 
         getattr(commands, name)()
-    except SystemExit as ended:
-        codes.append(ended.code if isinstance(ended.code, int) else 0)
+    except SystemExit as exit_request:
+        codes.append(exit_request.code if isinstance(exit_request.code, int) else SUCCESS)
     except KeyboardInterrupt:
-        codes.append(_interrupted())
+        codes.append(_report_interrupt())
     except Exception:
-        if not interrupts.came:  # an import that was interrupted may fail in another way
+        if not interrupts.received:  # an interrupted import may raise any error
             raise
-        codes.append(_interrupted())
+        codes.append(_report_interrupt())
 
 
-def _interrupted() -> int:
+def _report_interrupt() -> int:
     if sys.stderr is not None:
         sys.stderr.write("Interrupted; nothing was done.\n")
     return INTERRUPTED
 
 
-def _leave(codes: list[int]) -> None:
-    """End without taking the interpreter down, which takes a while and heeds no Ctrl-C."""
+def _exit_quickly(codes: list[int]) -> None:
+    """End without the interpreter's own shutdown, which is slow and ignores Ctrl-C."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):
             stream.flush()
-    os._exit(codes[0] if codes else 1)
+    os._exit(codes[0] if codes else INTERNAL_ERROR)

@@ -1,4 +1,4 @@
-"""Types of options of commands: numbers within their range, one or several."""
+"""Types of command-line options: a number within its range, or several."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .._support.ranges import RANGES, shown
 
 if TYPE_CHECKING:
     Type = click.ParamType[Any]
-else:  # takes no subscript in older versions
+else:  # not generic in older versions of click
     Type = click.ParamType
 
 
 class Number(Type):
-    """A number within one of `RANGES`."""
+    """A number within the range that `RANGES` has for a kind of option."""
 
     def __init__(self, kind: str) -> None:
         self.range = RANGES[kind]
@@ -24,7 +24,7 @@ class Number(Type):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float | int:
-        """The number that a text says."""
+        """Parse and check the number."""
         try:
             number = (int if self.range.whole else float)(value)
         except (ValueError, OverflowError):
@@ -35,31 +35,33 @@ class Number(Type):
 
 
 class Numbers(Type):
-    """Numbers within one of `RANGES`, separated by commas.
+    """Numbers within one range, separated by commas.
 
     Parameters
     ----------
     none : str
-        A word for no limit, if there may be none.
-    most : int
-        How many there may be.
+        Word that stands for no limit, if that is allowed.
+    max_count : int
+        How many numbers are allowed.
     """
 
     name = "numbers"
 
-    def __init__(self, kind: str, none: str = "", most: int = 1_000) -> None:
-        self.one, self.none, self.most = Number(kind), none, most
+    def __init__(self, kind: str, none: str = "", max_count: int = 1_000) -> None:
+        self.number, self.none, self.max_count = Number(kind), none, max_count
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> list[float | int | None]:
-        """The numbers that a text says."""
+        """Parse and check the numbers."""
         if isinstance(value, list):  # a default
             return value
         words = str(value).split(",")
-        if len(words) > self.most:
-            self.fail(f"{len(words):,} values: expected at most {self.most:,}.", param, ctx)
+        if len(words) > self.max_count:
+            self.fail(f"{len(words):,} values: expected at most {self.max_count:,}.", param, ctx)
         return [
-            None if self.none and word.strip() == self.none else self.one.convert(word, param, ctx)
+            None
+            if self.none and word.strip() == self.none
+            else self.number.convert(word, param, ctx)
             for word in words
         ]

@@ -1,4 +1,4 @@
-"""What `solve-motion` and `trunk-ocp tables` do; their options are in commands."""
+"""The work of `solve-motion` and `trunk-ocp tables`; their options are in `commands`."""
 
 from __future__ import annotations
 
@@ -23,16 +23,25 @@ from ..planning.checkpoint import FILE, Checkpoint
 from ..planning.options import Options, mode_of
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_motion
-from ..planning.results_folder import default_folder, modes, set_aside, set_unfinished_aside, sign
+from ..planning.results_folder import (
+    Aside,
+    default_folder,
+    modes,
+    set_aside,
+    set_unfinished_aside,
+    sign,
+)
 from ..planning.storage import activations_table, save_plan, summary
 from ..problem.build import load_motion
 from ..problem.motion import Motion
 from ..reporting import Reporter
-from .common import tell, verdict
-from .ending import optional, warn
-from .interrupts import INTERRUPTED, Interrupts
-from .stdout import standard_output
-from .tables import Screen, comparison_table, findings, rank_table, sign_table, step_table
+from .common import print_outcome, print_plain
+from .error_messages import warn, warn_on_failure
+from .exit_codes import INTERRUPTED
+from .interrupts import Interrupts
+from .progress import ProgressDisplay
+from .safe_streams import standard_output
+from .tables import comparison_table, finding_lines, rank_table, sign_table, step_table
 
 
 def run_solve(
@@ -40,114 +49,146 @@ def run_solve(
     mode: str,
     lookahead: int | None,
     out: Path | None,
-    linear_solver: str,
-    max_iterations: int,
-    starts: int,
+    options: Options,
     resume: bool,
-    no_figures: bool,
+    figures: bool,
     film: bool,
     quiet: bool,
     as_json: bool,
-    resume_with: str,
+    resume_command: str,
 ) -> None:
-    """Plan a motion, show and save what came of it, and end with its exit code."""
-    context = click.get_current_context()
-    source = context.get_parameter_source("mode")
-    if lookahead is not None and source is not click.core.ParameterSource.DEFAULT:
-        raise click.UsageError("give --mode or --lookahead, not both.")
+    """Plan a motion, save and show the plans, and exit with the code of the worst one."""
     output = standard_output()
     console = Console(file=output, quiet=quiet or as_json, highlight=False)
-    command = json.loads(json.dumps(context.params, default=str))
-    with _interrupts(f"Resume with: {resume_with}") as interrupts:
-        motion = load_motion(problem)
-        for warning in motion.warnings:
-            click.echo(f"warning: {warning}", err=True)
-        folder = out or default_folder(problem, motion)
-        check_linear_solver(linear_solver)
-        options = Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts)
-        checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
-        with alone(folder):
-            if not resume:
-                _keep_unfinished(folder, checkpoints.values(), console)
-            with Screen(console, motion) as screen, interrupts.patience(screen):
-                plans = _plans(motion, checkpoints, options, screen)
-                finished = not screen.stop
-                if not len(plans[0].x):
-                    raise KeyboardInterrupt  # before the first step: what is saved stays
-                plans = [
-                    plan.with_record(options=plan.options | {"command": command}) for plan in plans
-                ]
-                tables = [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
-                aside = set_aside(folder, tables, problem)
-                sign(folder, problem, motion)
-                figures = _save(plans, folder)
-                for checkpoint in checkpoints.values() if finished else ():
-                    checkpoint.remove()
-            _show(plans, figures, folder, console)
-            with _interrupted_drawing(console):
-                if not no_figures and not interrupts.came:
-                    _draw(plans, folder, console)
-                if film and not interrupts.came:
-                    _films(plans, folder, console)
-            earlier = aside.settle()
-        if earlier is not None:
-            tell(console, f"What was made from earlier plans is now in {earlier}/")
-        if not finished:
-            tell(console, f"Resume with: {resume_with}")
-        tell(console, f"Results are in {folder}/")
-        for plan in plans if quiet else []:
-            if plan.status is not Status.SOLVED:
-                click.echo(f"{motion.name}, {plan.mode}: {plan.status.value}", err=True)
-        if as_json:
-            reports = {plan_folder(plan): summary(plan) for plan in plans}
-            click.echo(json.dumps(reports, indent=2), file=output)
-        codes = [plan.status.exit_code for plan in plans]
-        sys.exit(INTERRUPTED if interrupts.came else max(codes))
-
-
-@contextmanager
-def _interrupts(hint: str) -> Iterator[Interrupts]:
-    """Those of the command, with what to do after one that ends at once."""
     interrupts = Interrupts.current or Interrupts()
-    interrupts.hint = hint
-    yield interrupts
+    interrupts.hint = f"Resume with: {resume_command}"
+    motion = load_motion(problem)
+    for warning in motion.warnings:
+        warn(warning)
+    folder = out or default_folder(problem, motion)
+    check_linear_solver(options.linear_solver)
+    checkpoints = _checkpoints(motion, mode, lookahead, folder, resume)
+    with alone(folder):
+        if not resume:
+            _set_unfinished_aside(folder, checkpoints.values(), console)
+        with ProgressDisplay(console, motion) as display, interrupts.graceful_stop(display):
+            plans = _plan(motion, checkpoints, options, display)
+            finished = not display.stop
+            aside, measures = _save(plans, folder, problem)
+            for checkpoint in checkpoints.values() if finished else ():
+                checkpoint.remove()
+        _show(plans, measures, folder, console)
+        with _stop_drawing_on_interrupt(console):
+            if figures and not interrupts.received:
+                _draw(plans, folder, console)
+            if film and not interrupts.received:
+                _films(plans, folder, console)
+        earlier = aside.settle()
+    if earlier is not None:
+        print_plain(console, f"Files made from earlier plans are now in {earlier}/")
+    if not finished:
+        print_plain(console, interrupts.hint)
+    print_plain(console, f"Results are in {folder}/")
+    if quiet:
+        _report_unsolved(plans)
+    if as_json:
+        reports = {plan_folder(plan): summary(plan) for plan in plans}
+        click.echo(json.dumps(reports, indent=2), file=output)
+    codes = [plan.status.exit_code for plan in plans]
+    sys.exit(INTERRUPTED if interrupts.received else max(codes))
 
 
-def _keep_unfinished(folder: Path, checkpoints: Iterable[Checkpoint], console: Console) -> None:
-    """Move aside what unfinished runs left, as new ones begin in their place, and say so."""
+def _report_unsolved(plans: list[Plan]) -> None:
+    """Name plans that are not solved on standard error."""
+    for plan in plans:
+        if plan.status is not Status.SOLVED:
+            click.echo(f"{plan.motion.name}, {plan.mode}: {plan.status.value}", err=True)
+
+
+# --- planning ------------------------------------------------------------------------------
+
+
+def _checkpoints(
+    motion: Motion, mode: str, lookahead: int | None, folder: Path, resume: bool
+) -> dict[int | None, Checkpoint]:
+    """Checkpoints of the plans to make, by lookahead and in order.
+
+    Raises
+    ------
+    InputError
+        If there is no unfinished run to resume.
+    """
+    by_mode: dict[str, list[int | None]] = {"sequential": [1], "horizon": [None], "both": [1, None]}
+    lookaheads = by_mode[mode] if lookahead is None else [lookahead]
+    checkpoints = {
+        h: Checkpoint(folder / _folder_name(*mode_of(motion, h)) / FILE) for h in lookaheads
+    }
+    if not resume:
+        return checkpoints
+    existing = [checkpoint for checkpoint in checkpoints.values() if checkpoint.exists]
+    if not existing:
+        raise InputError(
+            f"{folder}: nothing to resume; expected an unfinished run of this problem and mode "
+            f"here. {_unfinished_modes(folder)}Name its folder with --out, or start over without "
+            "--resume."
+        )
+    for checkpoint in existing:
+        checkpoint.resume = True
+    return checkpoints
+
+
+def _unfinished_modes(folder: Path) -> str:
+    """A sentence with the options that resume the unfinished runs in a folder; empty if none."""
+    options = []
+    for place in modes(folder):
+        if Checkpoint(place / FILE).exists:
+            ahead = place.name.removeprefix("receding-")
+            options.append(f"--mode {ahead}" if ahead == place.name else f"--lookahead {ahead}")
+    return f"To resume the unfinished run here, add {' or '.join(options)}. " if options else ""
+
+
+def _set_unfinished_aside(
+    folder: Path, checkpoints: Iterable[Checkpoint], console: Console
+) -> None:
+    """Keep the checkpoints of unfinished runs that this run would overwrite, and say where."""
     files = [path for checkpoint in checkpoints for path in checkpoint.files()]
-    kept = set_unfinished_aside(folder, files)
-    if kept is not None:
-        tell(
+    aside = set_unfinished_aside(folder, files)
+    if aside is not None:
+        print_plain(
             console,
-            f"An unfinished run was here, which --resume goes on with; its file is now in {kept}/",
+            f"This folder had an unfinished run, which --resume would have continued; its "
+            f"checkpoint is now in {aside}/",
         )
 
 
-def _save(plans: list[Plan], folder: Path) -> dict[str, dict[str, Any]]:
-    """Write plans to their folders; of two plans, their measures as well, which are returned."""
-    for plan in plans:
-        save_plan(plan, folder / plan_folder(plan))
-    figures: dict[str, dict[str, Any]] = {}
-    if len(plans) == 2:
-        with optional("the plans are saved, but could not be compared"):
-            figures = compare(*plans)
-    if figures:
-        write(folder / "comparison.json", json.dumps(figures, indent=2) + "\n")
-    return figures
+def _plan(
+    motion: Motion,
+    checkpoints: dict[int | None, Checkpoint],
+    options: Options,
+    reporter: Reporter,
+) -> list[Plan]:
+    """Plans by lookahead, with the command recorded in each; a second starts from the first.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If stopped before the first time step was planned: results of earlier runs then stay.
+    """
+    plans: list[Plan] = []
+    for lookahead, checkpoint in checkpoints.items():
+        start = plans[-1] if plans else None
+        plan = plan_motion(motion, lookahead, options, reporter, start, checkpoint, throw=False)
+        plans.append(plan)
+        if reporter.stop:
+            break
+    if not len(plans[0].x):
+        raise KeyboardInterrupt
+    parameters = click.get_current_context().params
+    command = json.loads(json.dumps(parameters, default=str))
+    return [plan.with_record(options=plan.options | {"command": command}) for plan in plans]
 
 
-def _show(
-    plans: list[Plan], figures: dict[str, dict[str, Any]], folder: Path, console: Console
-) -> None:
-    """Print what came of each plan, and of two of them side by side."""
-    for plan in plans:
-        console.print(step_table(plan))
-        verdict(console, plan)
-        with optional(f"the {plan.mode} plan is saved, but not its diagnosis"):
-            _tell(console, plan, folder / plan_folder(plan))
-    if figures:
-        console.print(comparison_table(figures))
+# --- results -------------------------------------------------------------------------------
 
 
 def plan_folder(plan: Plan) -> str:
@@ -159,82 +200,80 @@ def _folder_name(mode: str, lookahead: int) -> str:
     return f"receding-{lookahead}" if mode == "receding" else mode
 
 
-def _checkpoints(
-    motion: Motion, mode: str, lookahead: int | None, folder: Path, resume: bool
-) -> dict[int | None, Checkpoint]:
-    """Checkpoints of the plans to make, one after the other, by their lookahead.
+def _save(plans: list[Plan], folder: Path, problem: str) -> tuple[Aside, dict[str, dict[str, Any]]]:
+    """Write plans, and the measures of two plans, to a folder.
 
-    Raises
-    ------
-    InputError
-        If a run is to be resumed where there is none.
+    Returns what was moved aside because these plans make it out of date, and the measures.
     """
-    wanted: dict[str, list[int | None]] = {"sequential": [1], "horizon": [None], "both": [1, None]}
-    lookaheads = wanted[mode] if lookahead is None else [lookahead]
-    checkpoints = {
-        h: Checkpoint(folder / _folder_name(*mode_of(motion, h)) / FILE) for h in lookaheads
-    }
-    if not resume:
-        return checkpoints
-    there = [checkpoint for checkpoint in checkpoints.values() if checkpoint.exists]
-    if not there:
-        raise InputError(
-            f"{folder}: there is nothing to resume; expected an unfinished run of this problem and "
-            f"mode here. {_unfinished_modes(folder)}Name its folder with --out, or run without "
-            "--resume to start anew."
-        )
-    for checkpoint in there:
-        checkpoint.resume = True
-    return checkpoints
+    tables = [(plan_folder(plan), plan, activations_table(plan)) for plan in plans]
+    aside = set_aside(folder, tables, problem)
+    sign(folder, problem, plans[0].motion)
+    for plan in plans:
+        save_plan(plan, folder / plan_folder(plan))
+    measures: dict[str, dict[str, Any]] = {}
+    if len(plans) == 2:
+        with warn_on_failure("the plans are saved, but could not be compared"):
+            measures = compare(*plans)
+    if measures:
+        write(folder / "comparison.json", json.dumps(measures, indent=2) + "\n")
+    return aside, measures
 
 
-def _unfinished_modes(folder: Path) -> str:
-    """A sentence with the options that resume the unfinished runs of a folder; empty if none."""
-    options = []
-    for place in modes(folder):
-        if Checkpoint(place / FILE).exists:
-            ahead = place.name.removeprefix("receding-")
-            options.append(f"--mode {ahead}" if ahead == place.name else f"--lookahead {ahead}")
-    return f"Unfinished here: resume with {' or '.join(options)}. " if options else ""
+def _show(
+    plans: list[Plan], measures: dict[str, dict[str, Any]], folder: Path, console: Console
+) -> None:
+    """Print each plan with its diagnosis, and two plans side by side."""
+    for plan in plans:
+        console.print(step_table(plan))
+        print_outcome(console, plan)
+        with warn_on_failure(f"the {plan.mode} plan is saved, but not its diagnosis"):
+            _diagnose(console, plan, folder / plan_folder(plan))
+    if measures:
+        console.print(comparison_table(measures))
 
 
-def _plans(
-    motion: Motion,
-    checkpoints: dict[int | None, Checkpoint],
-    options: Options,
-    reporter: Reporter,
-) -> list[Plan]:
-    """Plans by their lookahead; a second one starts from the first."""
-    plans: list[Plan] = []
-    for lookahead, checkpoint in checkpoints.items():
-        start = plans[-1] if plans else None
-        plan = plan_motion(motion, lookahead, options, reporter, start, checkpoint, throw=False)
-        plans.append(plan)
-        if reporter.stop:
-            break
-    return plans
+def _diagnose(console: Console, plan: Plan, folder: Path) -> None:
+    """Print and save why a plan failed, or what limits it."""
+    solved = plan.status is Status.SOLVED
+    with console.status("checking the plan" if solved else "looking for the cause of the failure"):
+        diagnosis = explain(plan, deep=not solved)
+    save_diagnosis(diagnosis, folder)
+    for line in finding_lines(diagnosis, brief=True):
+        console.print(line, soft_wrap=True)
+
+
+# --- figures -------------------------------------------------------------------------------
+
+
+@contextmanager
+def _stop_drawing_on_interrupt(console: Console) -> Iterator[None]:
+    """Block that Ctrl-C ends without ending the command, as the plans are already saved."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print("Stopped drawing; the plans are saved.")
 
 
 def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
-    """Figures of each plan, of two together, and the page to turn the trunk in."""
-    from .draw_run import draw_run  # matplotlib takes its time
+    """Draw each plan and both together, and write the interactive page."""
+    from .run_figures import draw_run  # imports matplotlib, which is slow
 
-    with console.status("drawing figures; Ctrl-C leaves them out"):
+    with console.status("drawing figures; Ctrl-C skips them"):
         drawn = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
-    for sentence in drawn.failed:
+    for sentence in drawn.failures:
         warn(f"{sentence} The plans are saved.")
     if drawn.page is not None:
-        tell(console, f"Turn it in a browser: {drawn.page}")
+        print_plain(console, f"Interactive page: {drawn.page}")
 
 
 def _films(plans: list[Plan], folder: Path, console: Console) -> None:
     for plan in plans:
-        with optional(f"could not make the film of the {plan.mode} plan"):
+        with warn_on_failure(f"could not make the film of the {plan.mode} plan"):
             _film(plan, folder / plan_folder(plan), console)
 
 
 def _film(plan: Plan, folder: Path, console: Console) -> None:
-    """A film of one plan, with a bar that says how long it will take."""
+    """Write the film of one plan, with a progress bar."""
     from ..figures import write_film
 
     if not len(plan.x):
@@ -242,7 +281,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
     with Progress(
         TextColumn("film of the {task.description} plan"),
         BarColumn(),
-        TextColumn("{task.completed} of {task.total} frames, still"),
+        TextColumn("{task.completed} of {task.total} frames, time left"),
         TimeRemainingColumn(),
         console=console,
     ) as bar:
@@ -251,31 +290,14 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)
         )
     for path in paths:
-        tell(console, f"Film: {path}")
+        print_plain(console, f"Film: {path}")
 
 
-@contextmanager
-def _interrupted_drawing(console: Console) -> Iterator[None]:
-    """Ctrl-C while drawing leaves the pictures out; the plans are saved already."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        console.print("Stopped drawing; the plans are saved.")
-
-
-def _tell(console: Console, plan: Plan, folder: Path) -> None:
-    """What the plan leans on, or why it failed, on the screen and in its folder."""
-    solved = plan.status is Status.SOLVED
-    waiting = "solved; looking around" if solved else "looking for what stands in the way"
-    with console.status(waiting):
-        diagnosis = explain(plan, deep=not solved)
-    save_diagnosis(diagnosis, folder)
-    for line in findings(diagnosis, brief=True):
-        console.print(line, soft_wrap=True)
+# --- trunk-ocp tables ----------------------------------------------------------------------
 
 
 def print_tables(anatomy: str) -> None:
-    """Print the paper's Tables 2 and 3 of an anatomy."""
+    """Print the paper's Tables 2 and 3 for an anatomy."""
     output = standard_output()
     console = Console(file=output, highlight=False)
     trunk = load_anatomy(anatomy)

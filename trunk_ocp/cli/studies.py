@@ -1,4 +1,4 @@
-"""Questions about a motion: `trunk-ocp redundancy`, `compare`, `survey` and `optima`."""
+"""Commands that study a motion: `trunk-ocp redundancy`, `compare`, `survey` and `optima`."""
 
 from __future__ import annotations
 
@@ -21,94 +21,115 @@ from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
 from ..problem.build import load_motion
+from ..problem.motion import Motion
 from ..reporting import Reporter
-from .common import finished, tell
-from .ending import Command, optional
+from .common import load_run, print_plain
+from .error_messages import warn_on_failure
 from .interrupts import Interrupts
 from .option_types import Number, Numbers
 from .tables import foresight_table, optima_table, redundancy_table, survey_table, version_table
 
+no_figures_option = click.option("--no-figures", is_flag=True, help="Skip the figures.")
+lookaheads_option = click.option(
+    "--lookaheads",
+    type=Numbers("lookahead"),
+    metavar="H,...",
+    help="Only these lookaheads, such as 1,2,5.  [default: all]",
+)
 
-@click.command("redundancy", cls=Command)
+
+@click.command("redundancy")
 @click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
-@click.option("--needed", "ask", is_flag=True, help="Also plan without each muscle: minutes.")
+@click.option(
+    "--needed", "ablate", is_flag=True, help="Also replan the motion without each muscle."
+)
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Where results go, in a folder for each plan.  [default: beside the plans]",
+    help="Folder for results, with a subfolder per plan.  [default: beside the plans]",
 )
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
-def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
-    """Tell which muscles a finished run determines, and what the others could do.
+@no_figures_option
+def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: bool) -> None:
+    """Show which muscles a finished run needs, and what others could replace.
 
-    The range of each muscle that leaves the motion as it is, the same motion with least effort,
-    least peak and fewest muscles, and with --needed how much worse it gets without each muscle.
-    Writes redundancy.json and figures/redundancy.
+    Computes the range of each muscle's activation that leaves the motion unchanged, and the same
+    motion with least effort, least peak activation and fewest muscles; with --needed also how
+    much worse the motion gets without each muscle. Writes redundancy.json and figures/redundancy.
+    Takes a few seconds; with --needed, half a minute or more.
     """
     console = Console(highlight=False)
-    folder, plans = finished(run)
-    for own, plan in plans.items():
-        place = out / own.relative_to(folder) if out else own
+    folder, plans = load_run(run)
+    for plan_folder, plan in plans.items():
+        place = out / plan_folder.relative_to(folder) if out else plan_folder
         with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
-            found = redundancy(plan)
-        if ask and plan.auxiliary:
-            console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
-        elif ask:
-            found = replace(found, needs=_needs(plan, console))
-        write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
-        console.print(redundancy_table(found))
-        console.print(version_table(found))
+            result = redundancy(plan)
+        if ablate and plan.auxiliary:
+            console.print(f"{plan.mode}: skipped --needed, which applies to horizon plans only.")
+        elif ablate:
+            result = replace(result, needs=_ablation(plan, console))
+        write(place / "redundancy.json", json.dumps(report(result), indent=2) + "\n")
+        console.print(redundancy_table(result))
+        console.print(version_table(result))
         if not no_figures:
-            with optional("could not draw the ranges"):
+            with warn_on_failure("could not draw the ranges"):
                 from ..figures import FORMATS
                 from ..figures.redundancy import draw_redundancy
 
-                draw_redundancy(found, place / "figures", FORMATS)
+                draw_redundancy(result, place / "figures", FORMATS)
         else:
             set_figures_aside(place / "figures", "redundancy")
-        tell(console, f"Results are in {place}/")
+        print_plain(console, f"Results are in {place}/")
 
 
-def _needs(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
-    """What a motion is like without each muscle, with a line that says how far this is."""
+def _ablation(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
+    """The motion replanned without each muscle, with a line that shows progress."""
     reporter, interrupts = Reporter(), Interrupts.current or Interrupts()
-    with console.status("planning without each muscle") as line, interrupts.patience(reporter):
+    with (
+        console.status("planning without each muscle") as line,
+        interrupts.graceful_stop(reporter),
+    ):
 
-        def show(done: int, total: int, need: AblationResult) -> None:
+        def show(done: int, total: int, result: AblationResult) -> None:
             line.update(f"planning without each muscle: {done} of {total}")
 
         return needed(plan, progress=show, reporter=reporter)
 
 
-def _shared(command: Callable[..., None]) -> Callable[..., None]:
-    """Options that several commands have: where results go, and how many processes work."""
+def _study_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that all studies have."""
     for option in (
-        click.option("--json", "as_json", is_flag=True, help="Print it as JSON, and no more."),
+        click.option("--json", "as_json", is_flag=True, help="Print only the results, as JSON."),
         click.option(
             "--processes",
             type=Number("processes"),
             metavar="N",
-            help="Plan N at a time.  [default: one for each core]",
+            help="Number of plans to solve in parallel.  [default: one per core]",
         ),
         click.option(
             "--out",
             type=click.Path(file_okay=False, path_type=Path),
             metavar="DIR",
-            help="Where results go.  [default: results/PROBLEM/COMMAND]",
+            help="Folder for results.  [default: results/PROBLEM/COMMAND]",
         ),
     ):
         command = option(command)
     return command
 
 
+def _study_folder(problem: str, motion: Motion, out: Path | None, command: str) -> Path:
+    return out or default_folder(problem, motion) / command
+
+
 @contextmanager
-def _counting(console: Console, what: str) -> Iterator[tuple[Reporter, Callable[[int, int], None]]]:
-    """A bar for many plans, and a Ctrl-C that ends them all."""
+def _plan_progress(
+    console: Console, title: str
+) -> Iterator[tuple[Reporter, Callable[[int, int], None]]]:
+    """A progress bar for many plans; Ctrl-C stops them all."""
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.completed} of {task.total} plans, still"),
+        TextColumn("{task.completed} of {task.total} plans, time left"),
         TimeRemainingColumn(),
         console=console,
         transient=True,
@@ -116,34 +137,29 @@ def _counting(console: Console, what: str) -> Iterator[tuple[Reporter, Callable[
     )
     reporter = Reporter()
     interrupts = Interrupts.current or Interrupts()
-    with interrupts.patience(reporter), bar:
-        task = bar.add_task(what, total=None)
+    with interrupts.graceful_stop(reporter), bar:
+        task = bar.add_task(title, total=None)
         yield reporter, lambda done, total: bar.update(task, completed=done, total=total)
 
 
-@click.command("compare", cls=Command)
+@click.command("compare")
 @click.argument("problem", default="pick-fruit")
 @click.option(
     "--max-activation",
     type=Number("activation limit"),
     metavar="A",
-    help="Contract no muscle by more than A.",
+    help="Limit every contraction to A.",
 )
 @click.option(
     "--max-rate",
     type=Number("rate limit"),
     metavar="R",
-    help="Change no activation faster than R per second, over each time step.",
+    help="Limit the rate of change of every activation to R per second.",
 )
-@click.option(
-    "--lookaheads",
-    type=Numbers("lookahead"),
-    metavar="H,...",
-    help="Some only, such as 1,2,5.  [default: all]",
-)
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
-@_shared
-def compare_ways(
+@lookaheads_option
+@no_figures_option
+@_study_options
+def compare_command(
     problem: str,
     max_activation: float | None,
     max_rate: float | None,
@@ -153,65 +169,63 @@ def compare_ways(
     processes: int | None,
     as_json: bool,
 ) -> None:
-    """Ask what foresight is worth: a motion planned the paper's way and with every lookahead.
+    """Compare planning step by step, as in the paper, with planning ahead.
 
-    The paper's way: each time step on its own, by tracking only, with the feasible sets of its
-    appendix B; and the same with the running cost of all other ways. Then 1 to all time steps at
-    a time, under equal bounds. Limits on strength and speed make foresight matter more.
+    Plans the motion the paper's way (each time step on its own, tracking cost only, with the
+    feasible sets of its appendix B), the same way with the cost used everywhere else, and then
+    with every lookahead from one time step to all of them, under equal bounds. Limits on strength
+    and speed make planning ahead matter more.
 
-    DIR has comparison.json, with units and definitions, and a figure. Exit codes: 0 if the horizon
-    is solved and verified, else as solve-motion's.
+    Writes comparison.json, with units and definitions, and a figure. Takes 15 seconds for lift-log
+    and about a minute for pick-fruit on one core.
+
+    Exit codes: 0 if the horizon plan is solved and verified; otherwise as for solve-motion.
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or default_folder(problem, motion) / "compare"
-    with _counting(console, motion.name) as (reporter, done):
+    folder = _study_folder(problem, motion, out, "compare")
+    with _plan_progress(console, motion.name) as (reporter, done):
         result = foresight(
             motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
         )
-    report = finite(result.as_dict())
+    data = finite(result.as_dict())
     if out is None:
         sign(folder.parent, problem, motion)
-    write(folder / "comparison.json", json.dumps(report, indent=2) + "\n")
+    write(folder / "comparison.json", json.dumps(data, indent=2) + "\n")
     console.print(foresight_table(result))
     if no_figures:
         set_figures_aside(folder, "comparison")
     else:
-        with optional("could not draw the comparison"):
+        with warn_on_failure("could not draw the comparison"):
             from ..figures import draw_foresight
 
             draw_foresight(result, folder)
-    tell(console, f"Results are in {folder}/")
+    print_plain(console, f"Results are in {folder}/")
     if as_json:
-        click.echo(json.dumps(report, indent=2))
+        click.echo(json.dumps(data, indent=2))
     sys.exit(result.curve.best.status.exit_code)
 
 
-@click.command("survey", cls=Command)
+@click.command("survey")
 @click.argument("problem", default="pick-fruit")
 @click.option(
     "--max-activations",
     type=Numbers("activation limit", none="none"),
     default="none",
     metavar="A,...",
-    help="Such as none,2.5,2: in turn.",
+    help="Limits on every contraction, such as none,2.5,2.  [default: none]",
 )
 @click.option(
     "--max-rates",
     type=Numbers("rate limit", none="none"),
     default="none",
     metavar="R,...",
-    help="In 1/s, such as none,2,1.",
+    help="Limits on the change of activations in 1/s, such as none,2,1.  [default: none]",
 )
-@click.option(
-    "--lookaheads",
-    type=Numbers("lookahead"),
-    metavar="H,...",
-    help="Some only, such as 1,2,5.  [default: all]",
-)
-@click.option("--no-figures", is_flag=True, help="Draw no figure.")
-@_shared
-def survey_limits(
+@lookaheads_option
+@no_figures_option
+@_study_options
+def survey_command(
     problem: str,
     max_activations: list[float | None],
     max_rates: list[float | None],
@@ -221,19 +235,23 @@ def survey_limits(
     processes: int | None,
     as_json: bool,
 ) -> None:
-    """Ask how many steps ahead suffice, under every pair of limits on strength and speed.
+    """Find how many steps of lookahead suffice under limits on strength and speed.
 
-    And what smoothness costs, blind and with a horizon, as the weight of rates grows. DIR has
-    survey.json, front.json and their figures.
+    Repeats the lookaheads of trunk-ocp compare under every pair of limits. Also computes the
+    trade-off between smoothness and accuracy, step by step and with the whole horizon, as the
+    weight on activation rates grows. Writes survey.json, front.json and their figures.
+
+    Takes half a minute for lift-log and two minutes for pick-fruit on one core, and about as long
+    as trunk-ocp compare for each further pair of limits.
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or default_folder(problem, motion) / "survey"
-    with _counting(console, f"{motion.name}, limits") as (reporter, done):
+    folder = _study_folder(problem, motion, out, "survey")
+    with _plan_progress(console, f"{motion.name}, limits") as (reporter, done):
         cells = survey(
             motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
         )
-    with _counting(console, f"{motion.name}, smoothness") as (reporter, done):
+    with _plan_progress(console, f"{motion.name}, smoothness") as (reporter, done):
         curve = front(motion, processes=processes, reporter=reporter, done=done)
     cells, curve = finite(cells), finite(curve)
     if out is None:
@@ -246,31 +264,41 @@ def survey_limits(
     else:
         from ..figures import draw_front, draw_survey
 
-        with optional("could not draw the survey"):
+        with warn_on_failure("could not draw the survey"):
             draw_survey(cells, folder, ("pdf", "png"))
-        with optional("could not draw the front"):
+        with warn_on_failure("could not draw the smoothness trade-off"):
             draw_front(curve, folder, ("pdf", "png"))
-    tell(console, f"Results are in {folder}/")
+    print_plain(console, f"Results are in {folder}/")
     if as_json:
         click.echo(json.dumps({"survey": cells, "front": curve}, indent=2))
 
 
-@click.command("optima", cls=Command)
+@click.command("optima")
 @click.argument("problem", default="pick-fruit")
 @click.option(
-    "--lookahead", type=Number("lookahead"), metavar="H", help="1: sequential; default: horizon."
+    "--lookahead",
+    type=Number("lookahead"),
+    metavar="H",
+    help="Time steps planned at a time; 1 is sequential.  [default: all]",
 )
-@click.option("--starts", type=Number("random starts"), default=20, show_default=True, metavar="N")
+@click.option(
+    "--starts",
+    type=Number("random starts"),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="Number of random starts.",
+)
 @click.option(
     "--seed",
     type=Number("seed"),
     default=0,
     show_default=True,
     metavar="S",
-    help="Of the random starts.",
+    help="Seed of the random starts.",
 )
-@_shared
-def many_starts(
+@_study_options
+def optima_command(
     problem: str,
     lookahead: int | None,
     starts: int,
@@ -279,20 +307,22 @@ def many_starts(
     processes: int | None,
     as_json: bool,
 ) -> None:
-    """Ask whether the reported plan is the best: the same motion from N random starts.
+    """Look for better local optima than the reported plan, from many starts.
 
-    And from its mirror image and the passive trunk. DIR has optima.json.
+    Plans the same motion from N random starts, from the mirror image of the reported plan and
+    from the passive trunk. Writes optima.json. Takes about a minute for the shipped motions on
+    one core.
     """
     console = Console(quiet=as_json, highlight=False)
     motion = load_motion(problem)
-    folder = out or default_folder(problem, motion) / "optima"
-    with _counting(console, motion.name) as (reporter, done):
-        found = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
-    report = finite(found.as_dict())
+    folder = _study_folder(problem, motion, out, "optima")
+    with _plan_progress(console, motion.name) as (reporter, done):
+        result = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
+    data = finite(result.as_dict())
     if out is None:
         sign(folder.parent, problem, motion)
-    write(folder / "optima.json", json.dumps(report, indent=2) + "\n")
-    console.print(optima_table(found))
-    tell(console, f"Results are in {folder}/")
+    write(folder / "optima.json", json.dumps(data, indent=2) + "\n")
+    console.print(optima_table(result))
+    print_plain(console, f"Results are in {folder}/")
     if as_json:
-        click.echo(json.dumps(report, indent=2))
+        click.echo(json.dumps(data, indent=2))

@@ -1,18 +1,15 @@
-"""What the command line shows: live progress while planning, tables when done."""
+"""Tables that the command line prints."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
+from rich.console import Group
 from rich.markup import escape
-from rich.status import Status as Spinner
 from rich.table import Table
 from rich.text import Text
 
@@ -29,80 +26,21 @@ from ..model.muscle_effects import MEASURES, ranks, signs
 from ..planning.plan import Plan, Status
 from ..planning.verification import BOUND_TOL
 from ..problem.mirror import mirrored_unknowns
-from ..problem.motion import Motion
-from ..reporting import Progress, Reporter
 
 COLUMNS = (
     "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
     "psi_Y\ndeg", "check\nmm",
 )  # fmt: skip
-MOST_DETAILS = 6  # of a finding, at the end of a run
-LONGEST_PHASE = 20  # letters of its name in a table
-LONG_MOTION = 12  # steps; beyond, a table shows the first and last of each phase only
-
-
-class Screen(Reporter):
-    """Progress on a console: one live line on a terminal, a line for each solve elsewhere."""
-
-    def __init__(self, console: Console, motion: Motion) -> None:
-        self.console, self.motion = console, motion
-        self.began = time.perf_counter()
-        self.shown = ""
-        self.total = 0
-        self.stopping = False  # whether this was shown
-        self.spinner: Spinner | None = None
-
-    def __enter__(self) -> Screen:
-        steps, muscles = len(self.motion.steps), len(self.motion.trunk.muscles)
-        title = escape(self.motion.spec.title or self.motion.name)
-        self.console.print(f"[bold]{title}[/]: {steps} time steps, {muscles} muscles")
-        if self.console.is_terminal:
-            self.spinner = self.console.status("setting up")
-            self.spinner.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._show_stopping()
-        if self.spinner is not None:
-            self.spinner.stop()
-
-    def iteration(self, progress: Progress) -> None:
-        """Show where the plan stands."""
-        self.total += 1
-        seconds = time.perf_counter() - self.began
-        if self.spinner is not None:
-            self.spinner.update(
-                f"{progress.stage}: {progress.detail} | iteration {progress.iteration} | "
-                f"worst error {1e3 * progress.worst_error:.2f} mm | infeasibility "
-                f"{progress.infeasibility:.0e} | {seconds:.1f} s"
-            )
-        line = progress.stage if progress.first == progress.last else progress.detail
-        if line != self.shown:  # a line for all single steps together, one for each window
-            self.shown = line
-            self.console.print(f"[dim]{seconds:6.1f} s  {line}[/]")
-        self._show_stopping()
-
-    def note(self, text: str) -> None:
-        """Show a sentence."""
-        self.console.print(text, markup=False)
-
-    def _show_stopping(self) -> None:
-        """Answer a request to stop; not where it comes in, which may be amid another print."""
-        if self.stop and not self.stopping:
-            self.stopping = True
-            self.note("Stopping; the best so far will be saved.")
+MAX_DETAILS = 6  # of a finding, at the end of a run
+MAX_PHASE_WIDTH = 20  # characters of a phase name in a table
+MAX_ROWS = 12  # time steps; of longer motions only the first and last step of each phase
 
 
 def step_table(plan: Plan) -> Table:
-    """One row for each time step; for long motions the first and last of each phase.
+    """One row per time step; in long motions, the first and last step of each phase.
 
-    Errors are those of the independently integrated shape; "check" is how far the planned
-    one is from it.
+    Errors are those of the independently integrated shape; "check" is its distance from the
+    planned shape.
     """
     motion = plan.motion
     table = Table(
@@ -114,10 +52,10 @@ def step_table(plan: Plan) -> Table:
     )
     for name in COLUMNS:
         if name == "phase":
-            table.add_column(name, no_wrap=True, max_width=LONGEST_PHASE, overflow="ellipsis")
+            table.add_column(name, no_wrap=True, max_width=MAX_PHASE_WIDTH, overflow="ellipsis")
         else:
             table.add_column(name, justify="right", no_wrap=True)
-    for t in _shown(plan):
+    for t in _rows(plan):
         step, errors = motion.steps[t], plan.errors[t]
         table.add_row(
             str(t + 1),
@@ -140,9 +78,9 @@ def _caption(plan: Plan) -> str:
     )
 
 
-def _shown(plan: Plan) -> Sequence[int]:
+def _rows(plan: Plan) -> Sequence[int]:
     count = len(plan.x)
-    if count <= LONG_MOTION:
+    if count <= MAX_ROWS:
         return range(count)
     phases = [step.phase for step in plan.motion.steps[:count]]
     return [
@@ -152,14 +90,14 @@ def _shown(plan: Plan) -> Sequence[int]:
     ]
 
 
-def _number(values: np.ndarray, of: Any, scale: float, form: str) -> str:
-    return format(scale * of(values), form) if values.size else "-"
+def _number(values: np.ndarray, reduce: Any, scale: float, form: str) -> str:
+    return format(scale * reduce(values), form) if values.size else "-"
 
 
 def history_table(diagnosis: Diagnosis) -> Table:
-    """How the solve that failed went: some ten of its iterations."""
-    table = Table(title="how the solve went", box=SIMPLE_HEAD)
-    for name in ("iteration", "objective", "constraints off by", "slope left"):
+    """About ten iterations of the solve that failed."""
+    table = Table(title="progress of the failed solve", box=SIMPLE_HEAD)
+    for name in ("iteration", "objective", "constraint violation", "optimality error"):
         table.add_column(name, justify="right")
     rows = diagnosis.history
     for k in np.unique(np.linspace(0, len(rows) - 1, 10).round().astype(int)).tolist():
@@ -168,8 +106,8 @@ def history_table(diagnosis: Diagnosis) -> Table:
     return table
 
 
-def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
-    """The findings of a diagnosis as lines; `brief` leaves the long tail to `trunk-ocp explain`."""
+def finding_lines(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
+    """The findings of a diagnosis as lines; `brief` leaves long lists to `trunk-ocp explain`."""
     colors = {"failure": "red", "warning": "yellow", "note": "cyan"}
     for finding in diagnosis.findings:
         head = f"[{colors[finding.level]}]{finding.level}[/]: {escape(finding.what)}"
@@ -177,10 +115,10 @@ def findings(diagnosis: Diagnosis, brief: bool = False) -> Iterator[str]:
             yield f"{head}: {escape('; '.join(finding.details))}"
             continue
         yield head
-        told = finding.details[:MOST_DETAILS] if brief else finding.details
-        yield from (f"    {escape(detail)}" for detail in told)
-        if len(told) < len(finding.details):
-            yield f"    and {len(finding.details) - len(told)} more, told by trunk-ocp explain"
+        details = finding.details[:MAX_DETAILS] if brief else finding.details
+        yield from (f"    {escape(detail)}" for detail in details)
+        if len(details) < len(finding.details):
+            yield f"    and {len(finding.details) - len(details)} more; see trunk-ocp explain"
         if finding.advice:
             yield f"  [bold]{escape(finding.advice)}[/]"
 
@@ -190,7 +128,7 @@ MILLIMETERS = ("worst_position_error", "mean_position_error")
 
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
     """Measures of two plans side by side."""
-    table = Table(title="sequential against horizon", box=SIMPLE_HEAD)
+    table = Table(title="sequential vs. horizon", box=SIMPLE_HEAD)
     table.add_column("measure")
     for mode in figures:
         table.add_column(mode, justify="right")
@@ -208,18 +146,18 @@ def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
 
 
 def foresight_table(result: Foresight) -> Group:
-    """How good each way of planning a motion is, and how it uses the muscles.
+    """How good each way to plan a motion is, and how it uses the muscles.
 
-    comparison.json has more, and definitions.
+    comparison.json has more measures, and their definitions.
     """
-    least = result.curve.best.objective.total
+    best_cost = result.curve.best.objective.total
     quality = _plain_table(
-        f"{result.motion.name}: what foresight is worth",
+        f"{result.motion.name}: the value of planning ahead",
         ("way", "status", "cost\n/ best", "J", "worst\nmm", "worst\ndirection", "seconds"),
         WAYS,
     )
     use = _plain_table(
-        f"{result.motion.name}: how the muscles are used",
+        f"{result.motion.name}: muscle use",
         ("way", "effort", "rate\n1/s", "varia-\ntion", "largest\nchange", "turns", "at bound\ns",
          "beyond\nchange"),
     )  # fmt: skip
@@ -227,8 +165,8 @@ def foresight_table(result: Foresight) -> Group:
         way = name.replace("paper, ", "").replace("lookahead", "ahead")
         quality.add_row(
             way,
-            _ending(m.status),
-            f"{m.planner_objective / least:.3f}" if least else "-",
+            _short_status(m.status),
+            f"{m.planner_objective / best_cost:.3f}" if best_cost else "-",
             f"{m.paper_objective:.3g}",
             f"{1e3 * m.worst_position_error:.3g}",
             f"{m.worst_direction_error:.3g}",
@@ -248,45 +186,51 @@ def foresight_table(result: Foresight) -> Group:
 
 
 def _sufficient(result: Foresight) -> str:
-    """How many steps suffice, in a sentence, and what they suffice for."""
+    """How many steps suffice, in a sentence, and to come how close to which plan."""
     curve, count = result.curve, len(result.motion.steps)
     if curve.sufficient is None:
         return "No lookahead suffices."
-    told = (
-        f"Knowing {curve.sufficient} of {count} steps comes within {SHARE:.0%} of the best "
+    sentence = (
+        f"A lookahead of {curve.sufficient} of {count} steps comes within {SHARE:.0%} of the best "
         "horizon's objective"
     )
-    ending = curve.best.status
-    return (
-        f"{told}." if ending is Status.SOLVED else f"{told}, which is not solved: {ending.value}."
-    )
+    status = curve.best.status
+    return f"{sentence}." if status is Status.SOLVED else f"{sentence} (horizon {status.value})."
 
 
-SHORTER = {
+SHORT_STATUS = {
     "unverified": "unverif.",
-    "iteration_limit": "stopped",
+    "iteration_limit": "max iter",
+    "time_limit": "deadline",
     "not_converged": "failed",
-    "interrupted": "halted",
+    "interrupted": "stopped",
     "infeasible": "infeas.",
 }
-"""Words for endings that are too long for a column."""
+"""Abbreviations of statuses that are too long for a column."""
 
 
-def _ending(status: str) -> str:
-    return SHORTER.get(status, status)
+def _short_status(status: str) -> str:
+    return SHORT_STATUS.get(status, status)
 
 
 WAYS = """\
-paper: each step alone, tracking only, as in appendix B
-same cost: the paper's way, with effort and rate weighed as in all others
-ahead H: H steps at a time; 1 is blind to the next step
-blind from best: ahead 1, each step started from the best horizon's
-cost / best: tracking + effort + rate over the best horizon's"""
+paper: each step alone, tracking cost only, as in appendix B
+same cost: each step alone, with the cost that all others minimize
+ahead H: H steps at a time; 1 does not see the next step
+blind from best: ahead 1, each step started from the best horizon
+cost / best: tracking + effort + rate, relative to the best horizon"""
 
 
 def _plain_table(title: str, names: Sequence[str], caption: str | None = None) -> Table:
-    """A dense table whose columns keep their width; words to the left, numbers to the right."""
-    table = Table(title=title, caption=caption, box=SIMPLE_HEAD, padding=0, pad_edge=False)
+    """A dense table whose columns keep their width: words left-aligned, numbers right-aligned."""
+    table = Table(
+        title=title,
+        caption=caption,
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=0,
+        pad_edge=False,
+    )
     for name in names:
         left = name in ("way", "status")
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
@@ -294,17 +238,18 @@ def _plain_table(title: str, names: Sequence[str], caption: str | None = None) -
 
 
 def survey_table(data: dict[str, Any]) -> Table:
-    """One row for each pair of limits: blind, blind from the best horizon, the best horizon."""
+    """One row per pair of limits: blind, blind from the best horizon, the best horizon."""
     table = Table(
-        title=f"{data['problem']}: foresight under limits",
-        caption="Worst errors in mm; objectives over the best horizon's. A blind solve that is "
-        "better once it starts from the best horizon lacked a start, not foresight.",
+        title=f"{data['problem']}: planning ahead under limits",
+        caption="Worst errors in mm; costs relative to the best horizon. Blind: one step at a "
+        "time. If it does better when started from the best horizon, it lacked a good start, "
+        "not foresight.",
         box=SIMPLE_HEAD,
         padding=0,
         pad_edge=False,
     )
     for name in (
-        "act.\nmost", "rate\n1/s", "blind", "\nmm", "\n/best", "from\nbest", "\nmm", "\n/best",
+        "max\nact.", "max\nrate", "blind", "\nmm", "\n/best", "from\nbest", "\nmm", "\n/best",
         "best", "\nmm", "steps\nahead",
     ):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
@@ -312,86 +257,89 @@ def survey_table(data: dict[str, Any]) -> Table:
         best = cell["best"]
         row = ["-" if limit is None else f"{limit:g}" for limit in cell["limits"].values()]
         for plan in (cell["lookaheads"]["1"], cell["blind_from_best"], best):
-            row += [_ending(plan["status"]), f"{1e3 * plan['worst_position_error']:.3g}"]
+            row += [_short_status(plan["status"]), f"{1e3 * plan['worst_position_error']:.3g}"]
             if plan is not best:
                 row.append(f"{plan['planner_objective'] / best['planner_objective']:.3f}")
         table.add_row(*row, str(cell["sufficient_lookahead"] or "-"))
     return table
 
 
-def optima_table(found: Optima) -> Table:
-    """One row for each distinct optimum, the best first."""
-    verdict = "is the best found" if found.reported_is_best else "is NOT the best found"
-    failed = f"; {len(found.failed)} found nothing" if found.failed else ""
+def optima_table(optima: Optima) -> Table:
+    """One row per distinct optimum, the best first."""
+    verdict = "is the best found" if optima.reported_is_best else "is NOT the best found"
+    failed = f"; {len(optima.failed)} did not converge" if optima.failed else ""
     table = Table(
-        title=f"{found.reported.motion.name}, {found.reported.mode}: distinct local optima",
-        caption=f"{len(found.plans)} starts{failed}. The reported plan {verdict}. "
-        f"Plans within {SAME:g} in every activation and angle (rad) count as one.",
+        title=f"{optima.reported.motion.name}, {optima.reported.mode}: distinct local optima",
+        caption=f"{len(optima.plans)} starts{failed}. The reported plan {verdict}. "
+        f"Plans that differ by at most {SAME:g} in every activation and angle (rad) count as one. "
+        "distance: largest difference from the best.",
         box=SIMPLE_HEAD,
     )
-    for name in ("objective", "J", "worst, mm", "away", "status", "found from"):
+    for name in ("objective", "J", "worst, mm", "distance", "status", "found from"):
         table.add_column(name, justify="left" if name == "found from" else "right")
-    best = found.distinct[0].plan if found.distinct else found.reported
-    for optimum in found.distinct:
+    best = optima.distinct[0].plan if optima.distinct else optima.reported
+    for optimum in optima.distinct:
         m = measure(optimum.plan)
-        starts, twin = optimum.starts, _mirror_of(optimum.plan, found)
+        starts, mirrored = optimum.starts, _mirrored_row(optimum.plan, optima)
         some = ", ".join(starts[:3]) + (f" and {len(starts) - 3} more" if len(starts) > 3 else "")
         table.add_row(
             f"{m.planner_objective:.6g}",
             f"{m.paper_objective:.4g}",
             f"{1e3 * m.worst_position_error:.4g}",
             f"{distance(optimum.plan.x, best.x):.3g}",
-            _ending(m.status),
-            some + (f"; mirror image of row {twin}" if twin else ""),
+            _short_status(m.status),
+            some + (f"; mirror image of row {mirrored}" if mirrored else ""),
         )
     return table
 
 
-def _mirror_of(plan: Plan, found: Optima) -> int:
-    """Row (from 1) of a better optimum whose mirror image a plan is; 0 if there is none."""
-    for row, optimum in enumerate(found.distinct, 1):
+def _mirrored_row(plan: Plan, optima: Optima) -> int:
+    """Row (from 1) of the better optimum that a plan is the mirror image of; 0 if none."""
+    for row, optimum in enumerate(optima.distinct, 1):
         if optimum.plan is plan:
             return 0
-        with suppress(InputError):  # of a trunk that has no other side
+        with suppress(InputError):  # a trunk without left-right symmetry
             if distance(mirrored_unknowns(plan.motion.trunk, optimum.plan.x), plan.x) <= SAME:
                 return row
     return 0
 
 
 LEGEND = f"""\
-For the planned shapes, kept as they are:
-must work: cannot rest at some step (below {AT_REST:g} is rest)
-free: could rest at any step, not at all of them
-can be off: could rest throughout; each alone, not all together
-determined: has no choice at any step
-range: width at the steps where it is least and most
+For the planned shapes, unchanged (without sign):
+must work: needed at some step (at least {AT_REST:g})
+free: could rest at any one step, but not at all
+can be off: could rest throughout, one muscle at a time
+determined: has no freedom at any step
+range: possible activations, narrowest and widest step
 at least: what the muscle must do at some step
-most: largest activation of each version"""
+plan, effort, fewest max: largest activation as planned,
+  with least effort, and with fewest muscles"""
 LEGEND_NEEDED = """
-For the task, other shapes allowed:
-cost without: the objective without this muscle over the plan's
-worst: largest distance to a target then; !: not solved"""
+For the task, with other shapes allowed:
+cost without: objective relative to the plan's
+worst: largest distance to a target; !: not solved"""
 
 
-def redundancy_table(found: Redundancy) -> Table:
-    """What a motion leaves each muscle free to do; activations without sign."""
-    plan, free = found.plan, found.freedom
+def redundancy_table(result: Redundancy) -> Table:
+    """How much freedom a motion leaves each muscle; activations without sign."""
+    plan, free = result.plan, result.freedom
     table = Table(
-        title=f"{plan.motion.name}, {plan.mode}: the same motion by other muscles",
-        caption=LEGEND + (LEGEND_NEEDED if found.needs else ""),
+        title=f"{plan.motion.name}, {plan.mode}: the same motion with other muscles",
+        caption=LEGEND + (LEGEND_NEEDED if result.needs else ""),
+        caption_justify="left",
         box=SIMPLE_HEAD,
         padding=0,
         pad_edge=False,
     )
     table.add_column("muscle", no_wrap=True)
     table.add_column("", no_wrap=True)
-    needs = {need.muscles: need for need in found.needs}
-    asked = ("cost\nwithout", "worst\nmm") if needs else ()
-    for name in ("narrow\nrange", "wide\nrange", "at\nleast", "plan\nmost", "effort\nmost",
-                 "fewest\nmost", *asked):  # fmt: skip
+    needs = {need.muscles: need for need in result.needs}
+    without = ("cost\nwithout", "worst\nmm") if needs else ()
+    for name in ("narrow\nrange", "wide\nrange", "at\nleast", "plan\nmax", "effort\nmax",
+                 "fewest\nmax", *without):  # fmt: skip
         table.add_column(name, justify="right", no_wrap=True)
     peaks = [
-        largest(found.versions[version]) for version in ("plan", "least effort", "fewest muscles")
+        largest(result.versions[version]) for version in ("plan", "least effort", "fewest muscles")
     ]
     for i, (name, kind) in enumerate(zip(plan.motion.trunk.muscles, free.kinds, strict=True)):
         width, least = free.width[:, i], free.least_work[:, i].max()
@@ -409,11 +357,11 @@ def redundancy_table(found: Redundancy) -> Table:
     return table
 
 
-def version_table(found: Redundancy) -> Table:
-    """What each version of a motion costs."""
-    table = Table(title="the same shapes", box=SIMPLE_HEAD)
+def version_table(result: Redundancy) -> Table:
+    """Cost of each set of activations that gives the planned shapes."""
+    table = Table(title="activations that give the same shapes", box=SIMPLE_HEAD)
     table.add_column("version")
-    costs = {name: cost(version) for name, version in found.versions.items()}
+    costs = {name: cost(version) for name, version in result.versions.items()}
     for name in costs["plan"]:
         table.add_column(name.replace("_", "\n"), justify="right")
     for name, values in costs.items():

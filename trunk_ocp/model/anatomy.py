@@ -42,12 +42,28 @@ MAX_PARTS = 50
 class MuscleSpec(Strict):
     """One muscle group of a segment, as written in an anatomy file."""
 
-    group: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=40)]
-    architecture: Architecture
-    radii_over_length: Pair
-    sector: Pair
-    helix_deg: Annotated[Number, Field(gt=-90, lt=90)] = 0.0
-    sides: Annotated[tuple[Side, ...], Field(min_length=1, max_length=2)] = ("R", "L")
+    group: Annotated[
+        str,
+        Field(
+            pattern=r"^[A-Za-z][A-Za-z0-9_]*$",
+            max_length=40,
+            description="name of the group, such as dl; R1-dl is its right side in segment 1",
+        ),
+    ]
+    architecture: Annotated[Architecture, Field(description="arrangement of the fibers")]
+    radii_over_length: Annotated[
+        Pair, Field(description="inner and outer radius at Z = 0, divided by the trunk's length")
+    ]
+    sector: Annotated[
+        Pair, Field(description="angles of both edges on the right side, from dorsal, radians")
+    ]
+    helix_deg: Annotated[
+        Number,
+        Field(gt=-90, lt=90, description="helical angle of the outermost fibers, right side"),
+    ] = 0.0
+    sides: Annotated[
+        tuple[Side, ...], Field(min_length=1, max_length=2, description="sides that have it")
+    ] = ("R", "L")
 
     @model_validator(mode="after")
     def _consistent(self) -> MuscleSpec:
@@ -69,42 +85,59 @@ class MuscleSpec(Strict):
 
 
 class SegmentSpec(Strict):
-    """A stretch of the trunk with its own muscles."""
+    """A part of the trunk with its own muscles."""
 
-    Z_over_length: Pair
-    muscles: Annotated[tuple[MuscleSpec, ...], Field(max_length=MAX_PARTS)] = ()
+    Z_over_length: Annotated[
+        Pair, Field(description="where it starts and ends, divided by the trunk's length")
+    ]
+    muscles: Annotated[
+        tuple[MuscleSpec, ...], Field(max_length=MAX_PARTS, description="its muscle groups")
+    ] = ()
 
 
 class MaterialSpec(Strict):
     """Homogeneous, isotropic tissue."""
 
-    youngs_modulus: Positive
-    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5)]
-    density: NonNegative
+    youngs_modulus: Annotated[Positive, Field(description="Pa")]
+    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5, description="0.5: incompressible")]
+    density: Annotated[NonNegative, Field(description="kg/m^3")]
 
 
 class HeadSpec(Strict):
-    """Geometry of the head, which holds the base and moves it (eqs. 35-39).
+    """Position of the base and how the head moves it (eqs. 35-39).
 
-    The default is a clamp along +Z that turns about the base itself.
+    The default is a clamp along +Z that rotates about the base itself.
     """
 
-    pivot_radius: NonNegative = 0.0
-    xi_z_deg: Number = 0.0
-    xi_y_deg: Number = 0.0
-    xi_d_deg: Number = 0.0
+    pivot_radius: Annotated[
+        NonNegative, Field(description="distance from the pivot of the head to the base, m")
+    ] = 0.0
+    xi_z_deg: Annotated[
+        Number, Field(description="angle of the pivot-to-base line and the trunk about e_Z")
+    ] = 0.0
+    xi_y_deg: Annotated[Number, Field(description="angle of the pivot-to-base line about e_Y")] = (
+        0.0
+    )
+    xi_d_deg: Annotated[Number, Field(description="angle of the trunk at the base about e_Y")] = 0.0
 
 
 class AnatomySpec(Strict):
-    """A whole anatomy file."""
+    """An anatomy file."""
 
-    name: Text
-    length: Positive
-    base_radius_over_length: Positive
-    taper_deg: Annotated[Number, Field(ge=0, lt=90)] = 0.0
-    material: MaterialSpec
-    head: HeadSpec = HeadSpec()
-    segments: Annotated[tuple[SegmentSpec, ...], Field(min_length=1, max_length=MAX_PARTS)]
+    name: Annotated[Text, Field(description="name for messages and exports")]
+    length: Annotated[Positive, Field(description="length of the passive trunk, m")]
+    base_radius_over_length: Annotated[
+        Positive, Field(description="radius at the base, divided by the length")
+    ]
+    taper_deg: Annotated[
+        Number, Field(ge=0, lt=90, description="angle of the surface (eq. 26)")
+    ] = 0.0
+    material: Annotated[MaterialSpec, Field(description="elastic constants and density")]
+    head: Annotated[HeadSpec, Field(description="how the head holds the base")] = HeadSpec()
+    segments: Annotated[
+        tuple[SegmentSpec, ...],
+        Field(min_length=1, max_length=MAX_PARTS, description="segments from base to tip"),
+    ]
 
     @model_validator(mode="after")
     def _consistent(self) -> AnatomySpec:

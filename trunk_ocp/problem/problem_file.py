@@ -33,21 +33,40 @@ ROUND_OFF = 1e-9
 """Share of a phase by which its last way point may be late; way points are further apart."""
 
 
+STEP = "an earlier time step, counted from 1"
+
+
 class HeldSpec(Strict):
     """A direction taken from the motion itself: the one reached at an earlier time step."""
 
-    held_from_step: Annotated[PositiveInt, Field(description="time step, counted from 1")]
+    held_from_step: Annotated[PositiveInt, Field(description=STEP)]
 
 
-Direction = Vec3 | HeldSpec
+Direction = Annotated[Vec3 | HeldSpec | None, Field(description="wanted direction of a director")]
 
 WayPoint = Annotated[tuple[Number, ...], MinLen(3), MaxLen(4)]
 """[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
 WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MAX_WAY_POINTS)]
-THROUGH = (
-    "way points on a smooth curve, followed over the phase: rows [t, x, y, z] with t in s from "
-    "the phase's start, or [x, y, z] at equal times"
-)
+Through = Annotated[
+    WayPoints | None,
+    Field(
+        description="way points on a smooth curve followed over the phase: rows [t, x, y, z] with "
+        "t in s from the start of the phase, or [x, y, z] at equal time intervals"
+    ),
+]
+Path = Annotated[
+    tuple[Vec3, ...] | None,
+    Field(
+        min_length=2,
+        max_length=MAX_CONTROL_POINTS,
+        description="Bezier control points, m; the curve is followed over the phase (eq. 53) and "
+        "passes through the first and last point only",
+    ),
+]
+OriginOf = Annotated[Origin, Field(description="what positions are measured from")]
+Weight = Annotated[NonNegative, Field(description="weight of this error in the objective")]
+HeadZ = Annotated[Pair | None, Field(description="bounds of the head angle psi_Z, degrees")]
+HeadY = Annotated[Pair | None, Field(description="bounds of the head angle psi_Y, degrees")]
 
 
 def _check_rows(rows: tuple[WayPoint, ...]) -> None:
@@ -88,31 +107,23 @@ class TargetSpec(Strict):
     """Desired position and directions of one point of the trunk (eq. 41)."""
 
     Z: Annotated[NonNegative, Field(description="point of the trunk, m from the base")]
-    position: Vec3 | None = None
-    path: Annotated[
-        tuple[Vec3, ...] | None,
-        Field(
-            min_length=2,
-            max_length=MAX_CONTROL_POINTS,
-            description="Bezier control points; followed over the phase (eq. 53). The curve "
-            "meets the first and the last only",
-        ),
-    ] = None
-    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
-    origin: Annotated[Origin, Field(description="what positions are measured from")] = "base"
-    position_weight: NonNegative = 1.0
-    d1: Direction | None = None
-    d2: Direction | None = None
-    d3: Direction | None = None
-    d1_weight: NonNegative = 1.0
-    d2_weight: NonNegative = 1.0
-    d3_weight: NonNegative = 1.0
+    position: Annotated[Vec3 | None, Field(description="wanted position of the point, m")] = None
+    path: Path = None
+    through: Through = None
+    origin: OriginOf = "base"
+    position_weight: Weight = 1.0
+    d1: Direction = None
+    d2: Direction = None
+    d3: Direction = None
+    d1_weight: Weight = 1.0
+    d2_weight: Weight = 1.0
+    d3_weight: Weight = 1.0
 
     @model_validator(mode="after")
     def _consistent(self) -> TargetSpec:
         places = [n for n in ("position", "path", "through") if getattr(self, n) is not None]
         if len(places) > 1:
-            raise ValueError(f"a target has {places[0]} or {places[1]}, not both")
+            raise ValueError(f"a target takes {places[0]} or {places[1]}, not both")
         if not places and all(v is None for v in (self.d1, self.d2, self.d3)):
             raise ValueError("a target needs a position, a path, through or a direction d1, d2, d3")
         if self.through is not None:
@@ -126,18 +137,24 @@ class TargetSpec(Strict):
 class WrapSpec(Strict):
     """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
 
-    Z: Annotated[Pair, Field(description="first and last point of the trunk that wraps, m")]
-    points: Annotated[int, Field(ge=2, le=MAX_POINTS)] = 6
-    log_radius: Positive
-    angles_deg: Annotated[Pair, Field(description="angles from e_Z about e_Y, at both ends")]
-    center: Vec3 | None = None
-    path: Annotated[tuple[Vec3, ...] | None, Field(min_length=2, max_length=MAX_CONTROL_POINTS)] = (
-        None
-    )
-    through: Annotated[WayPoints | None, Field(description=THROUGH)] = None
-    origin: Origin = "base"
-    position_weights: tuple[NonNegative, ...]
-    d3_weights: tuple[NonNegative, ...]
+    Z: Annotated[Pair, Field(description="first and last point of the trunk on the log, m")]
+    points: Annotated[
+        int, Field(ge=2, le=MAX_POINTS, description="number of target points on the log")
+    ] = 6
+    log_radius: Annotated[Positive, Field(description="radius of the log, m")]
+    angles_deg: Annotated[
+        Pair, Field(description="angles of both ends on the log, from e_Z about e_Y")
+    ]
+    center: Annotated[Vec3 | None, Field(description="center of the log, m")] = None
+    path: Path = None
+    through: Through = None
+    origin: OriginOf = "base"
+    position_weights: Annotated[
+        tuple[NonNegative, ...], Field(description="weight of the position error at each point")
+    ]
+    d3_weights: Annotated[
+        tuple[NonNegative, ...], Field(description="weight of the tangent error at each point")
+    ]
 
     @model_validator(mode="after")
     def _consistent(self) -> WrapSpec:
@@ -157,51 +174,61 @@ class WrapSpec(Strict):
 class PullSpec(Strict):
     """A tip force along a director that an earlier step reached (eq. 44)."""
 
-    force: Annotated[Number, Field(description="N, at the last step of the phase")]
-    along: Literal["d1", "d2", "d3"] = "d3"
-    held_from_step: PositiveInt
-    ramp: Annotated[bool, Field(description="grow in equal parts over the phase's steps")] = True
+    force: Annotated[Number, Field(description="force at the last step of the phase, N")]
+    along: Annotated[
+        Literal["d1", "d2", "d3"], Field(description="director that gives the direction")
+    ] = "d3"
+    held_from_step: Annotated[PositiveInt, Field(description=STEP)]
+    ramp: Annotated[
+        bool, Field(description="whether the force grows in equal steps over the phase")
+    ] = True
 
 
 class LogSpec(Strict):
     """A cylinder that the trunk carries (eqs. 12, 13, 54)."""
 
-    contact_from: Annotated[NonNegative, Field(description="Z_w in m")]
-    radius: Positive
-    length: Positive
-    density: Positive
+    contact_from: Annotated[NonNegative, Field(description="Z_w, where contact starts, m")]
+    radius: Annotated[Positive, Field(description="m")]
+    length: Annotated[Positive, Field(description="m")]
+    density: Annotated[Positive, Field(description="kg/m^3")]
     offset: Annotated[
-        Number, Field(description="log's middle to the grip, along e_Y, m (eq. 54)")
+        Number, Field(description="distance from the log's middle to the grip, along e_Y, m")
     ] = 0.0
 
 
 class JumpSpec(Strict):
-    """Loads that change at once where their phase starts; the others are interpolated in time.
+    """Which loads change abruptly at the start of their phase; others are interpolated in time.
 
-    Right after the start, a load that jumps has the value of its phase, a pull that ramps is 0, and
-    loads of the phase before are gone.
+    Right after the start, a load that jumps has the value of the phase (a ramped pull: zero), and
+    that of the previous phase is gone.
     """
 
-    tip_force: bool = False
-    tip_mass: bool = True
-    pull: bool = True
-    contact: Annotated[bool, Field(description="the log, or contact_force and contact_couple")] = (
-        False
-    )
+    tip_force: Annotated[bool, Field(description="whether tip_force jumps")] = False
+    tip_mass: Annotated[bool, Field(description="whether tip_mass jumps")] = True
+    pull: Annotated[bool, Field(description="whether pull jumps")] = True
+    contact: Annotated[
+        bool, Field(description="whether the log, or contact_force and contact_couple, jump")
+    ] = False
 
 
 class LoadsSpec(Strict):
     """Loads besides the trunk's own weight, during one phase."""
 
-    tip_force: Vec3 = (0.0, 0.0, 0.0)
-    tip_mass: NonNegative = 0.0
-    pull: PullSpec | None = None
-    contact_from: NonNegative | None = None
-    contact_force: Vec3 = (0.0, 0.0, 0.0)
-    contact_couple: Vec3 = (0.0, 0.0, 0.0)
-    log: LogSpec | None = None
+    tip_force: Annotated[Vec3, Field(description="force at the tip, N")] = (0.0, 0.0, 0.0)
+    tip_mass: Annotated[NonNegative, Field(description="mass carried at the tip, kg")] = 0.0
+    pull: Annotated[PullSpec | None, Field(description="pull at the tip (eq. 44)")] = None
+    contact_from: Annotated[
+        NonNegative | None, Field(description="Z_w, where contact loads start, m")
+    ] = None
+    contact_force: Annotated[
+        Vec3, Field(description="total force spread from contact_from to the tip, N")
+    ] = (0.0, 0.0, 0.0)
+    contact_couple: Annotated[
+        Vec3, Field(description="total couple spread from contact_from to the tip, N m")
+    ] = (0.0, 0.0, 0.0)
+    log: Annotated[LogSpec | None, Field(description="log that the trunk carries")] = None
     jump: Annotated[
-        JumpSpec, Field(description="which loads change at once at the phase's start")
+        JumpSpec, Field(description="which loads change abruptly at the start of the phase")
     ] = JumpSpec()
 
     @model_validator(mode="after")
@@ -217,16 +244,19 @@ class LoadsSpec(Strict):
 class LimitsSpec(Strict):
     """Bounds of one phase; those left out are as in the motion's [bounds]."""
 
-    activation: Pair | None = None
+    activation: Annotated[
+        Pair | None, Field(description="bounds of all activations; negative contracts")
+    ] = None
     muscles: Annotated[
         dict[str, Pair],
         Field(
-            description="by name or pattern (R1-dl, *3-dl, L*); later ones override",
+            description="bounds of muscles by name or pattern (R1-dl, *3-dl, L*); later ones "
+            "override earlier ones",
             max_length=MAX_ENTRIES,
         ),
     ] = Field(default_factory=dict)
-    head_z_deg: Pair | None = None
-    head_y_deg: Pair | None = None
+    head_z_deg: HeadZ = None
+    head_y_deg: HeadY = None
 
     @model_validator(mode="after")
     def _ordered(self) -> LimitsSpec:
@@ -243,8 +273,10 @@ class LimitsSpec(Strict):
 class BoundsSpec(LimitsSpec):
     """Bounds of the whole motion."""
 
-    activation: Pair
-    extension: Annotated[Pair, Field(description="of the activated trunk (eq. 42)")]
+    activation: Annotated[Pair, Field(description="bounds of all activations; negative contracts")]
+    extension: Annotated[
+        Pair, Field(description="bounds of the extension of the unloaded, activated trunk (eq. 42)")
+    ]
 
     @model_validator(mode="after")
     def _extension(self) -> BoundsSpec:
@@ -259,11 +291,17 @@ class ChangeSpec(Strict):
 
     steps: Annotated[
         tuple[PositiveInt, PositiveInt] | None,
-        Field(description="first and last step of this phase they hold for; default: all"),
+        Field(description="first and last step of the phase that they apply to; default: all"),
     ] = None
-    activation: NonNegative | None = None
-    head_z_deg: Pair | None = None
-    head_y_deg: Pair | None = None
+    activation: Annotated[
+        NonNegative | None, Field(description="largest change of any activation per step")
+    ] = None
+    head_z_deg: Annotated[
+        Pair | None, Field(description="bounds of the change of psi_Z per step, degrees")
+    ] = None
+    head_y_deg: Annotated[
+        Pair | None, Field(description="bounds of the change of psi_Y per step, degrees")
+    ] = None
 
     @model_validator(mode="after")
     def _ordered(self) -> ChangeSpec:
@@ -277,28 +315,45 @@ class ChangeSpec(Strict):
 
 
 class AuxiliarySpec(Strict):
-    """Sequential solve only: first solve the step without loads (appendix B).
+    """In sequential mode, first solve each step without loads (appendix B).
 
-    The loaded solve starts from the unloaded optimum and, with a deviation, stays near it.
+    The unloaded optimum is the initial guess of the loaded one, which must stay near it if a
+    deviation is given.
     """
 
-    activation_deviation: NonNegative | None = None
-    head_deviation_deg: NonNegative | None = None
+    activation_deviation: Annotated[
+        NonNegative | None, Field(description="largest deviation of any activation from it")
+    ] = None
+    head_deviation_deg: Annotated[
+        NonNegative | None, Field(description="largest deviation of the head angles from it")
+    ] = None
 
 
 class PhaseSpec(Strict):
-    """A part of the motion with the same kind of targets, loads and bounds."""
+    """A part of the motion with its own targets, loads and bounds."""
 
-    name: Text
-    duration: Positive
-    steps: Annotated[PositiveInt, Field(le=MAX_STEPS)] = 1
-    interpolation: Interpolation = "cosine"
-    targets: Annotated[tuple[TargetSpec, ...], Field(max_length=MAX_POINTS)] = ()
-    wrap: WrapSpec | None = None
-    loads: LoadsSpec = LoadsSpec()
-    bounds: LimitsSpec = LimitsSpec()
-    change: Annotated[tuple[ChangeSpec, ...], Field(max_length=MAX_ENTRIES)] = ()
-    auxiliary: AuxiliarySpec | None = None
+    name: Annotated[Text, Field(description="name for tables and messages")]
+    duration: Annotated[Positive, Field(description="s")]
+    steps: Annotated[
+        PositiveInt, Field(le=MAX_STEPS, description="time steps, at equal intervals")
+    ] = 1
+    interpolation: Annotated[
+        Interpolation, Field(description="of activations and head angles between time steps")
+    ] = "cosine"
+    targets: Annotated[
+        tuple[TargetSpec, ...],
+        Field(max_length=MAX_POINTS, description="targets at each time step of the phase"),
+    ] = ()
+    wrap: Annotated[WrapSpec | None, Field(description="targets around a log")] = None
+    loads: Annotated[LoadsSpec, Field(description="loads during the phase")] = LoadsSpec()
+    bounds: Annotated[LimitsSpec, Field(description="bounds during the phase")] = LimitsSpec()
+    change: Annotated[
+        tuple[ChangeSpec, ...],
+        Field(max_length=MAX_ENTRIES, description="bounds on the change per time step"),
+    ] = ()
+    auxiliary: Annotated[
+        AuxiliarySpec | None, Field(description="unloaded solve before each sequential step")
+    ] = None
 
     @model_validator(mode="after")
     def _consistent(self) -> PhaseSpec:
@@ -317,34 +372,51 @@ class PhaseSpec(Strict):
 
 
 class ToleranceSpec(Strict):
-    """Errors up to which a target counts as reached; a motion that misses one is not solved."""
+    """When a target counts as reached; a motion that misses a target is not solved."""
 
     position: Annotated[
         Positive | None,
-        Field(description="m; default: 0.02 m for a trunk of 1.75 m, in proportion for others"),
+        Field(
+            description="largest position error, m; default: 0.02 for a trunk of 1.75 m, in "
+            "proportion for others"
+        ),
     ] = None
-    direction: Annotated[Positive, Field(description="length of a director's error")] = 0.05
+    direction: Annotated[
+        Positive, Field(description="largest length of the difference of directors")
+    ] = 0.05
 
 
 class ProblemSpec(Strict):
-    """A whole problem file."""
+    """A problem file."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
-    title: Text = ""
-    anatomy: Annotated[Text, Field(description="shipped name, or a path from this file")] = (
-        "asian-elephant"
+    name: Annotated[
+        str,
+        Field(
+            pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+            max_length=100,
+            description="short name, also of the folder of results",
+        ),
+    ]
+    title: Annotated[Text, Field(description="title for tables and figures")] = ""
+    anatomy: Annotated[
+        Text, Field(description="shipped name, or path of an anatomy file relative to this file")
+    ] = "asian-elephant"
+    gravity: Annotated[Number, Field(description="m/s^2, along +Z (down)")] = 9.8
+    bounds: Annotated[BoundsSpec, Field(description="bounds during the whole motion")]
+    tolerance: Annotated[ToleranceSpec, Field(description="when targets count as reached")] = (
+        ToleranceSpec()
     )
-    gravity: Number = 9.8
-    bounds: BoundsSpec
-    tolerance: ToleranceSpec = ToleranceSpec()
-    phases: Annotated[tuple[PhaseSpec, ...], Field(min_length=1, max_length=MAX_STEPS)]
+    phases: Annotated[
+        tuple[PhaseSpec, ...],
+        Field(min_length=1, max_length=MAX_STEPS, description="phases of the motion, in order"),
+    ]
 
     @model_validator(mode="after")
     def _planned_together(self) -> ProblemSpec:
         count = sum(phase.steps for phase in self.phases)
         if count > MAX_STEPS:
             raise ValueError(
-                f"phases have {count} steps together; expected at most {MAX_STEPS}, which are "
+                f"phases have {count} steps together; expected at most {MAX_STEPS}, as they are "
                 "planned as one NLP. Split the motion into several files"
             )
         return self

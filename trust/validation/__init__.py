@@ -1,14 +1,14 @@
-"""One collection of cases, from which the tests and the page docs/validation.md are made.
+"""All validation cases; the tests and docs/validation.md are made from them.
 
-A new subject is a module with a tuple `CASES`, named here.
+To add a subject, write a module with a tuple `CASES` and add it here.
 """
 
 from __future__ import annotations
 
 from . import balance, beams, buckling, convergence, elastica, helices, invariances, limits, trunk
-from .case import Case, HeldByTest
+from .case import Case, CoveredByTest
 
-CASES: tuple[Case | HeldByTest, ...] = (
+CASES: tuple[Case | CoveredByTest, ...] = (
     *elastica.CASES,
     *beams.CASES,
     *buckling.CASES,

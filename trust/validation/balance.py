@@ -1,4 +1,4 @@
-"""Force and moment balance, energy: what holds of any equilibrium, without its equations."""
+"""Force and moment balance, and energy: these hold for any equilibrium."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SUBJECT = "Balance and energy"
 COUNT = 4
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(20)
 DEAD = replace(EVERYTHING, contact_couple=(0.0, 0.0, 0.0))
-"""The loads that have a potential: without the couple, which has none in space."""
+"""The loads that have a potential: all but the couple, as a couple fixed in space has none."""
 
 
 def solved() -> tuple[np.ndarray, Shape]:
@@ -60,7 +60,7 @@ SECTIONS = (0.0, 0.4, 0.875, 1.2, 1.45, 1.6)  # m
 
 
 def moment_balance() -> Values:
-    """Internal moments in space axes beside the moments of all loads beyond, in N m."""
+    """Internal moments in space axes, and the moments of all loads beyond the section, in N m."""
     _, shape = solved()
     found, expected = [], []
     for Z in SECTIONS:
@@ -72,7 +72,7 @@ def moment_balance() -> Values:
 
 
 def force_balance() -> Values:
-    """Tensions that the stretch of the centerline shows beside the loads beyond, in N."""
+    """Tensions from the stretch of the centerline, and from the loads beyond the section, in N."""
     activation, shape = solved()
     trunk, strain = elephant(), strains(elephant(), activation)
     mean = mean_extension(trunk, strain)
@@ -89,10 +89,10 @@ def force_balance() -> Values:
 
 
 def first_integral() -> Values:
-    """H(Z) over the largest of its terms, for a uniform active rod under a tip force.
+    """H(Z) divided by its largest term, for a uniform active rod under a tip force.
 
-    H = m.K^-1 m / 2 + m.u_hat + n_3 + n_3^2 / 2 K_0 does not change along Z where nothing
-    depends on Z but the state.
+    H = m.K^-1 m / 2 + m.u_hat + n_3 + n_3^2 / 2 K_0 is constant along Z where only the state
+    depends on Z.
     """
     coil, force = bender(), np.array([3.0, -2.0, 4.0])
     activation = activation_for(coil, 0.9, (2.0, -3.0, 4.0))
@@ -133,7 +133,7 @@ SLOPE = np.array([1, -8, 8, -1]) / 12
 
 
 def pulled(load: Loads, h: float) -> list[Loads]:
-    """Loads with the tip force moved by multiples of h along each axis, 12 of them."""
+    """12 loads: the tip force changed by multiples of h along each axis."""
     force = np.array(load.tip_force)
     return [
         replace(load, tip_force=vector(force + k * h * axis)) for axis in np.eye(3) for k in STEPS
@@ -141,7 +141,7 @@ def pulled(load: Loads, h: float) -> list[Loads]:
 
 
 def castigliano() -> Values:
-    """Derivative of the potential by the tip force beside minus the tip's position, in m."""
+    """Derivative of the potential by the tip force, and minus the tip position, in m."""
     h = 2.0
     energy, _ = energies(pulled(DEAD, h))
     _, tip = energies([DEAD, DEAD])
@@ -149,20 +149,20 @@ def castigliano() -> Values:
 
 
 def compliance(load: Loads) -> np.ndarray:
-    """Derivative (3, 3) of the tip's position by the tip force, in m/N."""
+    """Derivative (3, 3) of the tip position with respect to the tip force, in m/N."""
     h = 2.0
     _, tip = energies(pulled(load, h))
     return np.einsum("k,ikj->ij", SLOPE, tip.reshape(3, 4, 3)) / h
 
 
 def reciprocity() -> Values:
-    """Compliance of the tip and its transpose, over its largest entry."""
+    """Compliance of the tip and its transpose, divided by its largest entry."""
     C = compliance(DEAD)
     return C / np.abs(C).max(), C.T / np.abs(C).max()
 
 
 def asymmetry_with_couple() -> float:
-    """How far the compliance is from symmetric under a couple fixed in space, relative."""
+    """Relative asymmetry of the compliance under a couple fixed in space."""
     C = compliance(EVERYTHING)
     return float(np.abs(C - C.T).max() / np.abs(C).max())
 
@@ -171,7 +171,7 @@ CASES = (
     Case(
         SUBJECT,
         "Moments at six sections, 4 random contractions and heads under every load",
-        "moments of all loads beyond about r(Z), Gauss rules on the deformed centerline",
+        "moments about r(Z) of all loads beyond Z, Gauss rules on the deformed centerline",
         moment_balance,
         1e-7,
         "positions to 1e-10 m times 1.5 kN",
@@ -179,8 +179,8 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Tension that the centerline's stretch shows at five sections, likewise",
-        "sum of all loads beyond, on the tangent",
+        "Tension from the centerline's stretch at five sections, same shapes",
+        "sum of all loads beyond Z, projected on the tangent",
         force_balance,
         1e-5,
         "stretch to 1e-10 by differences, times E A up to 1e5 N",
@@ -196,7 +196,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Slope of the potential energy by the tip force: minus the tip's position",
+        "Derivative of potential energy by tip force: minus the tip position",
         "Castigliano; elastic energy by quadrature over the solved shape",
         castigliano,
         1e-8,

@@ -23,7 +23,7 @@ COUPLES = (1.0, 3.0, -5.0, 2 * math.pi)  # M L / E I
 
 
 def small_tip_force() -> Values:
-    """Deflection, slope and base moment along X and Y, over their tip values."""
+    """Deflection, slope and base moment along X and Y, divided by their tip values."""
     EI, F, Z, found, expected = SMALL_EI, 1e-4, np.array([0.3, 0.7, 1.0]), [], []
     for axis, sign in ((0, 1.0), (1, -1.0)):
         force = np.zeros(3)
@@ -39,7 +39,7 @@ def small_tip_force() -> Values:
 
 
 def small_weight() -> Values:
-    """Sag of a horizontal rod over w L^4 / 8 E I."""
+    """Sag of a horizontal rod, divided by w L^4 / 8 E I."""
     g = 1e-5
     w = 1000 * math.pi * 0.05**2 * g
     sag = solve_statics(rod(), NONE, HORIZONTAL, Loads(g)).position(np.array([1.0]))[0, 2]
@@ -47,7 +47,7 @@ def small_weight() -> Values:
 
 
 def small_spread_force() -> Values:
-    """Tip deflection over that of the same force at the tip."""
+    """Tip deflection, divided by that of the same force at the tip."""
     W, a = 1e-4, 0.6
     load = Loads(0.0, contact_from=a, contact_force=(W, 0, 0))
     x = solve_statics(rod(), NONE, loads=load).position(np.array([1.0]))[0, 0]
@@ -57,7 +57,7 @@ def small_spread_force() -> Values:
 
 
 def beam_column() -> Values:
-    """Tip deflection by a side force under thrust, over the closed form."""
+    """Tip deflection by a side force under thrust, divided by the closed form."""
     side, found = 1e-6, []
     for part in (0.5, 0.9, 0.99):
         a = math.sqrt(part) * math.pi / 2
@@ -105,7 +105,7 @@ def arcs() -> Values:
 
 
 def roll_up() -> Values:
-    """Tips under 2 pi E I / L as its span shrinks to the tip, and of an intrinsic circle."""
+    """Tips under 2 pi E I / L spread over a span that shrinks to the tip."""
     couple, found, expected = 2 * math.pi, [], []
     for Z_w in (0.6, 0.9, 0.99, 0.999):
 
@@ -155,7 +155,7 @@ CASES = (
     Case(
         SUBJECT,
         "Small force spread over [0.6 L, L]: deflection of the tip",
-        "point loads superposed",
+        "superposition of point loads",
         small_spread_force,
         1e-8,
         "deflection 7e-6 L, squared",
@@ -179,7 +179,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Couple spread over [0.6 L, L], M L / E I = 1, 3, -5, 2 pi: circle before it",
+        "Couple spread over [0.6 L, L], M L / E I = 1, 3, -5, 2 pi: arc before it",
         "curvature M / E I",
         arcs,
         1e-9,
@@ -201,7 +201,7 @@ CASES = (
         "closed circles",
         closed_circle,
         1e-10,
-        "12 elements of degree 6 on two turns",
+        "12 elements of degree 6 for two turns",
         "L",
     ),
 )

@@ -1,4 +1,4 @@
-"""What a case is: two ways to the same numbers, and how far apart they may be."""
+"""A validation case: numbers computed in two ways, and their largest allowed difference."""
 
 from __future__ import annotations
 
@@ -11,34 +11,32 @@ Values = tuple[np.ndarray, np.ndarray]
 """Computed, reference."""
 
 
-def flat(found: Sequence[np.ndarray], expected: Sequence[np.ndarray]) -> Values:
+def flat(computed: Sequence[np.ndarray], expected: Sequence[np.ndarray]) -> Values:
     """Arrays of several shapes as one vector, on both sides."""
-    computed, reference = (
-        np.concatenate([np.ravel(part) for part in side]) for side in (found, expected)
-    )
-    return computed, reference
+    one, two = (np.concatenate([np.ravel(part) for part in side]) for side in (computed, expected))
+    return one, two
 
 
 @dataclass(frozen=True)
 class Case:
-    """Something computed by the package beside a reference.
+    """A quantity computed by the package, and its reference.
 
     Attributes
     ----------
     subject : str
-        Heading under which the page has it.
+        Heading on the page.
     name : str
-        What is compared; no two cases share one.
+        What is compared; unique.
     source : str
-        Where the reference is from: citation with equation or table, or how it is derived.
+        Source of the reference: citation with equation or table, or its derivation.
     values : () -> (computed, reference)
-        Arrays of one shape, in `unit`.
+        Arrays of equal shape, in `unit`.
     tolerance : float
-        Largest difference of two entries.
+        Largest allowed difference between entries.
     reason : str
-        Why so much and no more.
+        Reason for the size of the tolerance.
     unit : str
-        "" for numbers without unit; relative errors are values divided by a scale.
+        "" for numbers without a unit; relative errors are values divided by a scale.
     """
 
     subject: str
@@ -50,7 +48,7 @@ class Case:
     unit: str = ""
 
     def error(self) -> float:
-        """Largest difference between computed and reference values; NaN if either has one.
+        """Largest difference between computed and reference values; NaN if either contains one.
 
         Raises
         ------
@@ -59,15 +57,15 @@ class Case:
         """
         computed, reference = (np.asarray(part, dtype=float) for part in self.values())
         if computed.shape != reference.shape:
-            raise ValueError(f"{self.name}: {computed.shape} against {reference.shape}")
+            raise ValueError(f"{self.name}: {computed.shape} vs. {reference.shape}")
         return float(np.abs(computed - reference).max())
 
 
 @dataclass(frozen=True)
-class HeldByTest:
-    """Something that a test of its own holds already, for the page to point at.
+class CoveredByTest:
+    """A quantity that a separate test covers; the page refers to it.
 
-    `test` is "file::function" below the repository's root.
+    `test` is "file::function" relative to the root of the repository.
     """
 
     subject: str

@@ -1,4 +1,4 @@
-"""Orders of convergence: elements halved on an activated, loaded, tapered rod."""
+"""Orders of convergence on an activated, loaded, tapered rod."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .rods import rod
 SUBJECT = "Convergence"
 DEGREES = range(1, 9)
 ELEMENTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
-FLOOR = 1e-12  # below this, errors are round-off and those of the reference
+FLOOR = 1e-12  # below this, errors are round-off and errors of the reference
 PLACES = ("edges", "inside")
 HEAD, LOAD = (0.2, 0.7), Loads(tip_force=(6.0, 8.0, -4.0))
-GAMMA = np.array([-1.5])  # shortens by two fifths and turns by 13 radians
+GAMMA = np.array([-1.5])  # shortens by 40 % and turns by 13 rad
 INSIDE = np.linspace(0, 1, 961)
 
 
@@ -49,7 +49,7 @@ def on_mesh(elements: int, degree: int) -> Shape:
 
 @cache
 def finest() -> Shape:
-    """What errors are measured from: 24 elements of degree 12."""
+    """Reference for the errors: 24 elements of degree 12."""
     return on_mesh(24, 12)
 
 
@@ -77,13 +77,13 @@ def theory(degree: int, place: str) -> int:
 
 
 def orders(place: str) -> Values:
-    """Measured orders over theoretical ones."""
+    """Measured orders divided by theoretical ones."""
     ratios = [order(degree, place) / theory(degree, place) for degree in DEGREES]
     return np.array(ratios), np.ones(len(ratios))
 
 
 def independent() -> Values:
-    """The finest mesh beside shooting with DOP853: positions, directors, moments over 5 N m."""
+    """The finest mesh and shooting with DOP853: positions, directors, moments over 5 N m."""
     start = finest().moment(np.zeros(1))[0]
     moment = reference.shoot(oblique(), GAMMA, HEAD, LOAD, start)
     Z = np.linspace(0, 1, 41)
@@ -95,7 +95,7 @@ def independent() -> Values:
 CASES = (
     Case(
         SUBJECT,
-        "Order at element edges over 2 d, degrees 1 to 8",
+        "Order at element edges divided by 2 d, degrees 1 to 8",
         "superconvergence of Gauss methods (Hairer, Norsett & Wanner, II.7)",
         lambda: orders("edges"),
         0.1,
@@ -103,7 +103,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Order inside elements over d + 1, degrees 1 to 8",
+        "Order inside elements divided by d + 1, degrees 1 to 8",
         "collocation polynomials (the same)",
         lambda: orders("inside"),
         0.1,
@@ -111,11 +111,11 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "What these errors are measured from, 24 elements of degree 12",
-        "eqs. (14), (15) written out a second time, shooting with DOP853 at 3e-14",
+        "Reference for these errors, 24 elements of degree 12",
+        "eqs. (14), (15) implemented independently, shooting with DOP853 at 3e-14",
         independent,
         1e-11,
-        "3e-14 a step; shooting to 1e-12",
+        "3e-14 per step; shooting to 1e-12",
         "m, 1, 5 N m",
     ),
 )

@@ -1,4 +1,4 @@
-"""Large deflections: published figures, elliptic integrals, scalar equations, a bend in space."""
+"""Large deflections: published figures, elliptic integrals, scalar equations, a spatial bend."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def loaded(force: float) -> Shape:
 
 
 def printed_elastica() -> Values:
-    """Tips of the wire beside the printed ones."""
+    """Tips of the wire, and the published ones."""
     found = []
     for load in MATTIASSON[:, 0]:
         x, _, z = loaded(load).position(np.array([1.0]))[0]
@@ -84,7 +84,7 @@ def printed_elastica() -> Values:
 
 
 def exact_elastica() -> Values:
-    """The same tips beside the elliptic integrals, and base moments."""
+    """The same tips and base moments, and their elliptic integrals."""
     found, expected = [], []
     for load in MATTIASSON[:, 0]:
         shape, angle = loaded(load), elastica_angle(load)
@@ -100,7 +100,7 @@ def heavy(weight: float, clamp: float, start: np.ndarray | None = None) -> np.nd
     """Tip (x, z) over L and moment over w L^2 of a heavy elastica, by a scalar equation.
 
     theta, from straight down, with E I theta'' = w (L - s) sin theta, theta(0) = clamp,
-    theta'(L) = 0. `start` (41,) has a first guess of theta; the default droops.
+    theta'(L) = 0. `start` (41,) is an initial guess of theta; the default droops.
     """
     s = np.linspace(0, 1, 41)
     angle = clamp * (1 - s) if start is None else start
@@ -139,7 +139,7 @@ def heavy_elastica() -> Values:
 
 
 def other_branch() -> Values:
-    """The same of a raised clamp and so much weight that another equilibrium is found."""
+    """The same with a raised clamp and so much weight that another equilibrium is found."""
     d3 = sagging(50.0, RAISED).directors(np.linspace(0, 1, 41))[:, 2]
     start = np.unwrap(np.arctan2(d3[:, 0], d3[:, 2]))
     return drooped(50.0, RAISED), heavy(50.0, RAISED, start)
@@ -181,7 +181,7 @@ def bend_start() -> np.ndarray:
 
 
 def shearing_bend(shear: float) -> np.ndarray:
-    """The same displacement by a rod that shears, stiffness in lb, by shooting with DOP853."""
+    """The same for a shear-deformable rod (stiffness in lb), by shooting with DOP853."""
     force = np.array([0.0, FORCE, 0.0])
     stiff_force, stiff_moment = np.array([shear, shear, 1e7]), 1e7 / 12  # E I = G J
 
@@ -205,11 +205,11 @@ CASES = (
     Case(
         SUBJECT,
         "Tip of a cantilever under P L^2 / E I = 1 ... 10: deflections and slope",
-        "Mattiasson 1981, the printed table of a cantilever under transverse load; the problem of "
+        "Mattiasson 1981, table of a cantilever under transverse load; the problem of "
         "Bisshopp & Drucker 1945",
         printed_elastica,
         5.1e-6,
-        "half a unit of the last printed digit",
+        "half a unit of the last published digit",
         "L, rad",
     ),
     Case(
@@ -227,13 +227,13 @@ CASES = (
         "E I theta'' = w (L - s) sin theta (Rohde 1953; Wang 1986) by scipy's solve_bvp",
         heavy_elastica,
         2e-8,
-        "solve_bvp at 1e-10 an interval; the wire stretches by 2.5e-11 w",
+        "solve_bvp at 1e-10 per interval; the wire stretches by 2.5e-11 w",
         "L, w L^2",
     ),
     Case(
         SUBJECT,
         "Heavy elastica raised 45 degrees, w L^3 / E I = 50: one of several equilibria",
-        "the same equation, started from the shape found",
+        "the same equation, starting from the shape found",
         other_branch,
         2e-8,
         "as above",
@@ -245,25 +245,25 @@ CASES = (
         "Bathe & Bolourchi 1979: (-13.4, 53.4, -23.5) in",
         lambda: (bend_45(), np.array([-13.4, 53.4, -23.5])),
         0.25,
-        "three printed digits of a finite element model; others scatter as much",
+        "three published digits of a finite element model; others scatter as much",
         "in",
     ),
     Case(
         SUBJECT,
-        "The same bend beside a rod that shears",
+        "The same bend, compared with a shear-deformable rod",
         "Simo-Reissner rod, k G A = 4.17e6 lb, by shooting with DOP853",
         lambda: (bend_45(), shearing_bend(5 / 6 * 5e6)),
         5e-3,
-        "what shear does",
+        "effect of shear",
         "in",
     ),
     Case(
         SUBJECT,
-        "The same bend, shear suppressed",
-        "the same, k G A = 1e13 lb",
+        "The same bend, compared with a rod that hardly shears",
+        "the same rod, k G A = 1e13 lb",
         lambda: (bend_45(), shearing_bend(1e13)),
         1e-6,
-        "DOP853 at 1e-9 a step; collocation",
+        "DOP853 at 1e-9 per step; collocation",
         "in",
     ),
 )

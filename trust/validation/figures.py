@@ -41,7 +41,7 @@ def draw_all(folder: Path) -> list[Path]:
 
 
 def write(figure: Figure, path: Path) -> Path:
-    """Write a figure as a PNG of few colors, a quarter of the size and the same to the eye."""
+    """Write a figure as a PNG with a reduced palette: a quarter of the size, no visible change."""
     path.parent.mkdir(parents=True, exist_ok=True)
     whole = io.BytesIO()
     figure.savefig(whole, format="png", dpi=150)
@@ -61,7 +61,7 @@ def panels(height: float, *titles: str) -> tuple[Figure, list[Axes]]:
 
 
 def draw_beams() -> Figure:
-    """Large deflections: lines are shapes, dots what they are compared with."""
+    """Large deflections: lines are computed shapes, dots are references."""
     figure, (tip, weight, couple) = panels(
         62, "tip load, $PL^2/EI$ = 1, 2, 5, 10", "own weight, $wL^3/EI$", "couple of one turn, over"
     )
@@ -108,7 +108,7 @@ def draw_beams() -> Figure:
 
 
 def draw_convergence() -> Figure:
-    """Errors against elements, a line a degree, measured orders beside them."""
+    """Errors vs. number of elements, one line per degree, with measured orders."""
     figure, axes = panels(78, "at element edges: order 2 d", "anywhere: order d + 1")
     colors = [*MUSCLES.values(), *OTHERS]
     for axis, place in zip(axes, convergence.PLACES, strict=True):
@@ -136,7 +136,7 @@ def draw_convergence() -> Figure:
 
 
 def draw_limits() -> Figure:
-    """Critical helix angle against thickness, and what eq. (A.4) loses as printed."""
+    """Critical helix angle vs. thickness, and round-off errors of eq. (A.4)."""
     figure, (angle, taper, helix) = panels(
         66,
         "critical helix angle of a layer",

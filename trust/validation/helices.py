@@ -14,7 +14,7 @@ from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
-from .case import Case, HeldByTest, Values, flat
+from .case import Case, CoveredByTest, Values, flat
 from .rods import NONE, activation_for, bender, contractions, elephant, heads, wire
 
 SUBJECT = "Helices and torque"
@@ -26,8 +26,8 @@ HELICES = ((1.0, 6.0, 2.0), (0.9, 10.0, -4.0), (1.2, 3.0, 15.0), (1.0, 20.0, 0.5
 def radius_and_pitch(position: np.ndarray) -> tuple[float, float]:
     """Radius and signed pitch of the helix through equally spaced points (n, 3).
 
-    Second differences of a helix at equal steps point at its axis, which is what is across
-    all of them; the turn from one to the next is the angle of a step.
+    Second differences of a helix at equal steps point at its axis, which is
+    perpendicular to all of them; the angle between neighbors is that of a step.
     """
     inward = np.diff(position, 2, axis=0)
     step = np.diff(position[1:-1], axis=0)
@@ -41,7 +41,7 @@ def radius_and_pitch(position: np.ndarray) -> tuple[float, float]:
 
 
 def helices() -> Values:
-    """Radius and pitch over L, measured on solved shapes."""
+    """Radius and pitch divided by L, measured on solved shapes."""
     found, expected = [], []
     for extension, bend, twist in HELICES:
         coil = bender()
@@ -78,7 +78,7 @@ def spirals() -> Values:
     )
     position, q = unloaded_states(trunk, activation, head, Z)
     rows = directors(tuple(np.moveaxis(q, -1, 0)))
-    frames = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    frames: np.ndarray = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
     return flat([position, frames], [r, d])
 
 
@@ -101,7 +101,7 @@ def spiral_angle() -> Values:
 CASES = (
     Case(
         SUBJECT,
-        "Uniform intrinsic curvature k and twist t, four hands and slopes: radius, pitch",
+        "Uniform intrinsic curvature k and twist t, four helices: radius, pitch",
         "circular helix, k / (k^2 + t^2) and 2 pi t / (k^2 + t^2)",
         helices,
         1e-10,
@@ -110,7 +110,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Couple along a straight rod: twist of the tip, which stays where it is",
+        "Couple along a straight rod: twist of the tip, which does not move",
         "M L / K_3, K_3 = E I / (1 + nu) (eq. 7)",
         torque,
         1e-12,
@@ -120,31 +120,31 @@ CASES = (
     Case(
         SUBJECT,
         "Unloaded trunk, three conical spirals in closed form, 8 random contractions",
-        "eqs. (1), (5) written out a second time, DOP853 at 1e-13",
+        "eqs. (1), (5) implemented independently, DOP853 at 1e-13",
         spirals,
         2e-11,
-        "1e-13 a step, up to 200 steps",
+        "1e-13 per step, up to 200 steps",
         "m, 1",
     ),
     Case(
         SUBJECT,
-        "Its curvature times the section's radius: constant along a segment",
+        "Unloaded curvature times section radius: constant along a segment",
         "eqs. (5)-(7), (29): u = c / f(Z); fourth-order differences",
         spiral_angle,
         1e-8,
         "differences at h = 1 mm: round-off 1e-16 / h^2",
         "1/m",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Angle by which a tapered segment turns",
         "-|u| zeta ln(1 - k L) / k",
         "tests/rod/test_unloaded.py::test_a_tapered_segment_turns_by_the_logarithm_of_its_taper",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Torsion of the unloaded centerline",
-        "eq. (40), u_3 undivided; Frenet's formula on a Chebyshev fit",
+        "eq. (40) without dividing u_3; Frenet's formula on a Chebyshev fit",
         "tests/model/test_activation.py::test_torsion_is_that_of_the_unloaded_centerline",
     ),
 )

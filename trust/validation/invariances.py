@@ -12,7 +12,7 @@ from trunk_ocp.model.anatomy import build_trunk, read_anatomy
 from trunk_ocp.model.loads import Loads, vector
 from trunk_ocp.rod.statics import solve_statics
 
-from .case import Case, HeldByTest, Values, flat
+from .case import Case, CoveredByTest, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "Invariances"
@@ -21,16 +21,20 @@ COUNT = 5
 
 
 def turned(load: Loads, turn: Rotation) -> Loads:
-    """Every load but the weight turned in space."""
-    names = ("tip_force", "contact_force", "contact_couple")
-    return replace(load, **{name: vector(turn.apply(getattr(load, name))) for name in names})
+    """Loads rotated in space, except the weight."""
+    return replace(
+        load,
+        tip_force=vector(turn.apply(load.tip_force)),
+        contact_force=vector(turn.apply(load.contact_force)),
+        contact_couple=vector(turn.apply(load.contact_couple)),
+    )
 
 
 def rotation(psi: tuple[float, float], vertical: bool) -> Values:
-    """Shapes with head and loads turned beside turned shapes: positions, directors, moments.
+    """Shapes with rotated head and loads, and rotated shapes: positions, directors, moments.
 
-    About the vertical the weight stays as it is; otherwise there is none. The head turns the
-    base about its pivot.
+    A rotation about the vertical leaves the weight unchanged; otherwise there is no gravity. The
+    head rotates the base about its pivot.
     """
     trunk = elephant()
     activation = contractions(trunk, COUNT, seed=54)
@@ -76,7 +80,7 @@ def mirror() -> Values:
 
 
 def superposition() -> Values:
-    """Strain of a sum of activations beside the sum of strains."""
+    """Strain of a sum of activations, and the sum of their strains."""
     trunk = elephant()
     one, two = contractions(trunk, 2, seed=55)
     at = np.linspace(0, 1.75, 40)
@@ -113,7 +117,7 @@ NEWTON = "Newton's last step, 1e-7 of the shape, squared"
 CASES = (
     Case(
         SUBJECT,
-        "Head and all loads turned about the vertical: positions, directors, moments",
+        "Head and all loads rotated about the vertical: positions, directors, moments",
         "objectivity",
         lambda: rotation((0.7, 0.0), vertical=True),
         1e-12,
@@ -122,7 +126,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Head and all loads turned about any axis the head has, no weight",
+        "Head and all loads rotated about any axis of the head, no gravity",
         "objectivity",
         lambda: rotation((0.7, -0.5), vertical=False),
         1e-12,
@@ -140,7 +144,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Strains of two activations together",
+        "Strains of the sum of two activations",
         "eqs. (5), (24): superposition",
         superposition,
         1e-13,
@@ -149,20 +153,20 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "A trunk 3 times as long, 0.2 times as stiff, loads to match: the same shape",
+        "A trunk 3 times as long and 0.2 times as stiff, loads scaled: same shape",
         "dimensional analysis",
         similarity,
         1e-12,
         NEWTON,
         "m",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "16 directions of activation that change no loaded shape",
         "null space of the strain map by adaptive quadrature",
         "tests/rod/test_statics.py::test_directions_that_change_no_strain_change_no_loaded_shape",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "|q| = 1 at element edges, however coarse the mesh",
         "Gauss methods keep quadratic invariants (Hairer, Lubich & Wanner, IV.2)",

@@ -13,10 +13,10 @@ from trunk_ocp.model.activation import radial_integrals, strain_matrix
 from trunk_ocp.model.anatomy import Muscle, Trunk
 from trunk_ocp.rod.statics import solve_statics
 
-from .case import Case, HeldByTest, Values
+from .case import Case, CoveredByTest, Values
 from .rods import EVERYTHING, contractions, elephant, heads, rod, untapered
 
-SUBJECT = "Limits of the anatomy"
+SUBJECT = "Limiting cases of the anatomy"
 SPECIAL = math.acos(1 / math.sqrt(3))  # 54.7356 degrees
 
 
@@ -59,7 +59,7 @@ def deltas_untapered(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]
 
 
 def scale(trunk: Trunk, muscle: Muscle) -> np.ndarray:
-    """What delta_0, delta_1, delta_3 of a muscle are measured by."""
+    """Scales of delta_0, delta_1 and delta_3 of a muscle."""
     a, b = muscle.radii
     return np.array([(b**2 - a**2) / 2, (b**3 - a**3) / 3, (b**3 - a**3) / 3])
 
@@ -77,7 +77,7 @@ def untapered_forms() -> Values:
 
 
 def vanishing_taper() -> Values:
-    """The strain matrix at 1e-6 rad of taper beside none, over each row's largest entry."""
+    """Strain matrices for 1e-6 rad of taper and for none, divided by each row's largest entry."""
     nearly, none = (strain_matrix(untapered(elephant(), taper)) for taper in (1e-6, 0.0))
     size = np.abs(none).max(axis=2, keepdims=True)
     return nearly / size, none / size
@@ -93,7 +93,7 @@ def taper_order() -> Values:
 
 
 def vanishing_taper_of_shapes() -> Values:
-    """Loaded shapes, and unloaded ones in closed form, at 1e-10 rad of taper beside none, in m."""
+    """Loaded and unloaded shapes for 1e-10 rad of taper and for none, in m."""
     activation, psi = contractions(elephant(), 3, seed=60), heads(3, 61)
     Z = np.linspace(0, 1.75, 9)
     nearly, none = (
@@ -136,14 +136,14 @@ THICKNESS = 0.4 / 2.0 ** np.arange(10)
 
 
 def approach(measure: int, taper: float = 0.0) -> np.ndarray:
-    """Critical angles less that of a thin layer, in radians, at every THICKNESS."""
+    """Critical angles minus that of a thin layer, in radians, for every THICKNESS."""
     trunk = untapered(rod(), taper)
     angles = [critical_angle(trunk, layer(t, 0.5, trunk), measure) for t in THICKNESS]
     return np.array(angles) - thin_angle(taper)
 
 
 def thin_limit() -> Values:
-    """Critical angles in degrees by extension and bending, extrapolated to no thickness."""
+    """Critical angles in degrees by extension and bending, extrapolated to zero thickness."""
     found = []
     for measure in (0, 1):
         last, end = approach(measure)[-2:]
@@ -232,11 +232,11 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Taper of 1e-6 rad beside none: strain map of all 28 muscles",
+        "Taper of 1e-6 rad vs. none: strain map of all 28 muscles",
         "continuity",
         vanishing_taper,
         1e-11,
-        "taper squared, and its factor",
+        "taper squared times a factor",
     ),
     Case(
         SUBJECT,
@@ -248,7 +248,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Taper of 1e-10 rad beside none: shapes, loaded by everything and by nothing",
+        "Taper of 1e-10 rad vs. none: shapes, with all loads and without",
         "continuity",
         vanishing_taper_of_shapes,
         1e-8,
@@ -257,11 +257,11 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Helix of 1e-7 rad: as a longitudinal muscle; twist in proportion to it",
+        "Helix of 1e-7 rad: as a longitudinal muscle, with proportional twist",
         "continuity; integral of R^3 cos(taper) / R_2",
         vanishing_helix,
         1e-12,
-        "helix squared, 1e-14, and round-off",
+        "helix squared (1e-14) and round-off",
     ),
     Case(
         SUBJECT,
@@ -274,11 +274,11 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "How it grows with thickness over R",
+        "Slope of that angle with thickness / R",
         "sqrt(2) / 6, derived: the middle of the layer is at the special angle",
         thin_slope,
         1e-5,
-        "extrapolated likewise",
+        "extrapolated in the same way",
         "rad",
     ),
     Case(
@@ -292,35 +292,35 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Radial factors of the trunk's 10 oblique muscles as printed, double precision",
-        "eq. (A.4), its A imaginary",
+        "Radial factors of the 10 oblique muscles as in the paper, double precision",
+        "eq. (A.4), with imaginary A",
         printed_forms,
         1e-9,
-        "what (A.4) loses to cancellation at this taper",
+        "cancellation in (A.4) at this taper",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "The same for all 28 muscles, 40 digits",
         "eq. (A.4) by mpmath",
         "tests/model/test_strain_integrals.py::test_radial_integrals_are_the_closed_forms_a_4",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Where (A.4) is 0/0: taper or helix 0, A = 0, helices to 89 degrees",
         "quadrature by mpmath, 30 digits",
         "tests/model/test_strain_integrals.py::test_helical_integrals_hold_where_a_4_is_indefinite",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Extension, curvature and twist of all 28 muscles anywhere along the trunk",
         "eqs. (5), (6), (10), (19)-(23), adaptive quadrature over the section",
         "tests/model/test_strain_integrals.py::"
         "test_extension_and_curvature_are_the_integrals_of_eq_6_anywhere_in_the_segment",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Volume of the activated trunk",
-        "frustum of eq. (30), with the 1/L it lacks",
+        "frustum of eq. (30), with the missing 1/L",
         "tests/model/test_activation.py::test_volume_is_preserved_by_eq_30",
     ),
 )

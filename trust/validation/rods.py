@@ -1,4 +1,4 @@
-"""The rods that the cases are about."""
+"""Rods used in the cases."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from trunk_ocp.model.loads import Loads
 
 NONE = np.zeros(0)  # activation of a rod without muscles
 HORIZONTAL = (0.0, math.pi / 2)  # head angles: the default clamp turned from +Z to +X
-CONTACT = 1.4  # m, where what the trunk holds begins to touch
+CONTACT = 1.4  # m, where contact begins
 EVERYTHING = Loads(9.8, (20.0, -30.0, 40.0), CONTACT, (10.0, 20.0, 100.0), (-60.0, 20.0, 10.0))
-"""Every load there is on the elephant's trunk, of the size that motions have."""
+"""All kinds of load on the elephant's trunk, as large as in the motions."""
 
 
 def rod(
@@ -39,7 +39,7 @@ def rod(
 
 @cache
 def wire(radius: float = 1e-5) -> Trunk:
-    """A rod with E I = 1 N m^2, L = 1 m, 1 kg/m and E A = 4 / R^2: it hardly stretches."""
+    """A rod with E I = 1 N m^2, L = 1 m, 1 kg/m and E A = 4 / R^2: almost inextensible."""
     material = {
         "youngs_modulus": 4 / (math.pi * radius**4),
         "poisson_ratio": 0.3,

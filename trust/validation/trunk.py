@@ -1,4 +1,4 @@
-"""The elephant's trunk against independent integrators and figures computed elsewhere."""
+"""The elephant's trunk vs. independent integrators and independently computed figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
-from .case import Case, HeldByTest, Values, flat
+from .case import Case, CoveredByTest, Values, flat
 from .rods import CONTACT, EVERYTHING, contractions, elephant, heads
 
 SUBJECT = "The trunk"
@@ -29,7 +29,7 @@ MASS, TIP_RADIUS = 114.743, 0.0601158
 
 
 def passive_tip() -> Values:
-    """Tip, tangent, moment, mass and tip radius in units of the last printed digit."""
+    """Tip, tangent, moment, mass and tip radius in units of the last known digit."""
     trunk = elephant()
     shape = solve_statics(trunk, REST, mesh=mesh_for(trunk, elements=12, degree=8))
     found = [
@@ -92,7 +92,7 @@ def hanging() -> Values:
 
 
 def unit_responses() -> Values:
-    """Extension and curvatures times L by activations of one."""
+    """Extension and curvatures times L for unit activations."""
     trunk, found = elephant(), []
     for name in reference.UNIT_RESPONSES:
         column = strain_matrix(trunk)[int(name[1]) - 1, :, trunk.muscles.index(name)]
@@ -123,16 +123,16 @@ CASES = (
         "computed independently by two codes, six to nine digits",
         passive_tip,
         1.0,
-        "as printed",
+        "known digits",
         "in the last digit",
     ),
     Case(
         SUBJECT,
-        "The same tip and its slope as a plane rod",
+        "The same tip and its slope, as a planar rod",
         "scalar equation of the angle, extension included, scipy's solve_bvp",
         passive_scalar,
         1e-10,
-        "solve_bvp at 1e-10 an interval",
+        "solve_bvp at 1e-10 per interval",
         "m, rad",
     ),
     Case(
@@ -146,7 +146,7 @@ CASES = (
     ),
     Case(
         SUBJECT,
-        "Extension and curvatures by single muscles (eight, all kinds)",
+        "Extension and curvatures of eight single muscles of all kinds",
         "computed independently by two codes, six decimals",
         unit_responses,
         5.1e-7,
@@ -156,10 +156,10 @@ CASES = (
     Case(
         SUBJECT,
         "20 random contractions and heads under every load, 12 elements of degree 8",
-        "eqs. (14), (15) written out a second time, DOP853 at 1e-11 from the same m(0)",
+        "eqs. (14), (15) implemented independently, DOP853 at 1e-11 from the same m(0)",
         lambda: marched(fine=True),
         1e-9,
-        "1e-11 a step, amplified along the trunk; Newton's last step",
+        "1e-11 per step, amplified along the trunk; Newton's last step",
         "m",
     ),
     Case(
@@ -168,25 +168,25 @@ CASES = (
         "the same",
         lambda: marched(fine=False),
         1e-5,
-        "what the default mesh promises",
+        "specified accuracy of the default mesh",
         "m",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Signs of every muscle's effects; their rankings in each segment",
         "the paper, Tables 2 and 3",
         "tests/model/test_muscle_effects.py::test_every_sign_of_table_2",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
         "Derivatives of the tip by 28 muscles and the head",
         "fourth-order differences of shapes",
         "tests/rod/test_tip_jacobian.py::test_it_agrees_with_differences_of_shapes",
     ),
-    HeldByTest(
+    CoveredByTest(
         SUBJECT,
-        "The integrator that judges every plan",
-        "LSODA and Radau on the second writing",
+        "The integrator that verifies every plan",
+        "LSODA and Radau on the independent implementation",
         "tests/planning/test_verification.py::test_it_agrees_with_a_third_integrator",
     ),
 )

@@ -1,4 +1,4 @@
-"""Standard streams that never stop a run: closed, full, read by nobody, or of few letters."""
+"""Standard streams that never stop a run: closed, on a full disk, without reader, or ASCII only."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Any, TextIO
 from ..errors import InputError
 
 
-class Steady:
-    """A text stream that falls silent when it cannot be written to any more.
+class SafeStream:
+    """A text stream that discards its output once writing has failed, instead of raising.
 
-    What it cannot spell it writes as a question mark.
+    Characters that its encoding lacks become question marks.
 
     Attributes
     ----------
     error : OSError or None
-        Why it fell silent.
+        Why writing failed.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -32,16 +32,16 @@ class Steady:
 
     @property
     def lost(self) -> str:
-        """Why something was not written; empty if all was, or if a reader wanted no more."""
-        unwanted = self.error is None or self.error.errno in (errno.EPIPE, errno.EINVAL)
-        return "" if unwanted else str((self.error and self.error.strerror) or self.error)
+        """Why output was lost; empty if none was, or if the reader closed the pipe."""
+        harmless = self.error is None or self.error.errno in (errno.EPIPE, errno.EINVAL)
+        return "" if harmless else str((self.error and self.error.strerror) or self.error)
 
     def write(self, text: str) -> int:
         """Write, or do nothing."""
         try:
             return self._stream.write(text)
         except OSError as error:
-            self._silence(error)
+            self._discard(error)
             return len(text)
 
     def flush(self) -> None:
@@ -49,38 +49,38 @@ class Steady:
         try:
             self._stream.flush()
         except OSError as error:
-            self._silence(error)
+            self._discard(error)
 
     def check(self) -> None:
-        """Raise InputError if something was lost, for a command that does nothing but print."""
+        """Raise InputError if output was lost, for a command that only prints."""
         self.flush()
         if self.lost:
             lost, self.error = self.lost, None
             raise InputError(f"standard output cannot be written ({lost}).")
 
-    def _silence(self, error: OSError) -> None:
-        """Nowhere takes what is still to be written, the interpreter's own last flush included."""
+    def _discard(self, error: OSError) -> None:
+        """Send all further output to the null device, the interpreter's own last flush included."""
         self.error = self.error or error
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self._stream.fileno())
-        os.close(nowhere)
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, self._stream.fileno())
+        os.close(null)
 
     def __getattr__(self, name: str) -> Any:
-        if name == "buffer":  # past which click would write, where letters are few
+        if name == "buffer":  # click would write to it directly where the encoding is ASCII
             raise AttributeError(name)
         return getattr(self._stream, name)
 
 
 @contextlib.contextmanager
-def steady_streams() -> Iterator[Steady]:
-    """Block in which standard output, which is returned, and error output are steady."""
+def safe_streams() -> Iterator[SafeStream]:
+    """Block in which standard output, which is returned, and standard error are safe."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
-        except OSError:  # else the next file to be opened would be taken for it
+        except OSError:  # else the next file opened would get this number and all that is printed
             os.open(os.devnull, os.O_RDWR)
     before = sys.stdout, sys.stderr
-    output, errors = (Steady(stream or _nowhere()) for stream in before)
+    output, errors = (SafeStream(stream or _null_stream()) for stream in before)
     sys.stdout, sys.stderr = output, errors
     try:
         yield output
@@ -90,11 +90,12 @@ def steady_streams() -> Iterator[Steady]:
         sys.stdout, sys.stderr = before
 
 
-def _nowhere() -> TextIO:
+def _null_stream() -> TextIO:
     """A stream for a process that was started without one."""
     return open(os.devnull, "w", encoding="utf-8")
 
 
 def standard_output() -> Any:
-    """Standard output of a command, steady."""
-    return sys.stdout if isinstance(sys.stdout, Steady) else Steady(sys.stdout or _nowhere())
+    """Standard output of a command, as a SafeStream."""
+    is_safe = isinstance(sys.stdout, SafeStream)
+    return sys.stdout if is_safe else SafeStream(sys.stdout or _null_stream())
