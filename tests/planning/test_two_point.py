@@ -23,7 +23,7 @@ from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.rod.block_gaps import close_gaps
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.statics import shape_of_states, solve_statics
-from trunk_ocp.scene.keyframes import with_between
+from trunk_ocp.scene.keyframes import for_blending
 from trust.equilibria import Judge, judge_plans, judge_shapes
 
 LOAD = Loads(tip_force=(0.0, 0.0, 0.049))
@@ -356,7 +356,7 @@ def test_samples_are_resolved_where_the_mesh_of_the_plan_is_too_coarse():
     np.testing.assert_allclose(coarse.position([0.5])[0], edges[-1], atol=2e-4)
     Z = plan.mesh.points.ravel()
     np.testing.assert_allclose(coarse.state(Z), sample.shape.state(Z), atol=1e-12)
-    moments = with_between(plan)
+    moments = for_blending(plan)
     assert moments.shape.mesh == plan.mesh
     assert len(moments.times) == len(moments.shape.states) >= 2
 

@@ -22,7 +22,7 @@ from trunk_ocp.scene.body import muscle_body
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.viewer import write_page
 from trunk_ocp.viewer.bundle import embedded
-from trunk_ocp.viewer.payload import MOST, instants, payload
+from trunk_ocp.viewer.payload import MAX_SAMPLES, payload, sample_times
 
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 ARGS = [
@@ -397,7 +397,7 @@ def test_vertices_agree_with_geometry(visit, pages):
     tab = visit(pages["both"])
     plan = planned("lift-log", "horizon")
     for number in (0, 20, -1):
-        t = float(instants(plan)[number])
+        t = float(sample_times(plan)[number])
         tab.evaluate("t => trunkPage.seek(t)", t)
         settled(tab)
         shape = plan.sample(t).shape
@@ -527,7 +527,7 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     assert fruit["mass"] == 8.0
     assert fruit["color"] == MASS  # as in the figures
     assert all(fruit["shown"])
-    tip = plan.sample(instants(plan)[-1]).shape
+    tip = plan.sample(sample_times(plan)[-1]).shape
     reach = np.array([1.75])
     expected = tip.position(reach) + fruit["radius"] * tip.directors(reach)[:, 2]
     assert decoded(fruit["center"])[-1] == pytest.approx(expected[0], abs=1e-5)
@@ -580,8 +580,8 @@ def test_a_plan_cut_short_is_shown_as_far_as_it_goes(visit, tmp_path):
 
 def test_samples_are_few_and_include_the_steps():
     plan = planned("pick-fruit", "sequential")
-    times = instants(plan)
-    assert len(times) <= MOST
+    times = sample_times(plan)
+    assert len(times) <= MAX_SAMPLES
     assert np.isin(plan.motion.times, times).all()
 
 

@@ -16,8 +16,8 @@ from .anatomy import draw_anatomy as _draw_anatomy
 from .comparison import draw_two_plans
 from .errors import draw_errors
 from .film import write_film
-from .foresight import draw_foresight as _draw_foresight
-from .foresight import draw_front, draw_survey
+from .lookahead import draw_foresight as _draw_foresight
+from .lookahead import draw_front, draw_survey
 from .muscles import draw_muscles
 from .shapes import draw_shapes
 

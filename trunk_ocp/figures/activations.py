@@ -17,8 +17,8 @@ from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
 
-MOST_DOTS = 60  # time steps that are told apart in a panel
-LEAST_RANGE = 2.0  # deg, of a panel of a head that hardly turns
+MAX_DOTS = 60  # time steps that are told apart in a panel
+MIN_HEAD_RANGE = 2.0  # deg, of a panel of a head that hardly turns
 HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nupwards, $\\psi_Y$ (°)")
 
 
@@ -30,16 +30,16 @@ def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[P
     full contraction, small and empty at the other. Head angles without bounds have none drawn.
     """
     with style.styled():
-        return style.save(picture(plan), folder, "activations", formats)
+        return style.save(activations_figure(plan), folder, "activations", formats)
 
 
-def picture(plan: Plan) -> Figure:
+def activations_figure(plan: Plan) -> Figure:
     """The figure that `draw_activations` writes."""
     trunk = plan.motion.trunk
     rows = len(groups(trunk))
     height = 27.0 * rows + 30 + 24
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(27.0 * rows, 1e-3), 24], hspace=12 / (13.5 * rows + 12),
         left=0.085, right=0.985, top=1 - 18 / height, bottom=10 / height,
@@ -63,7 +63,7 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
         for segment in range(trunk.segments):
             axes = panels[row, segment]
             _furnish(axes, plan, row, segment, len(panels))
-            style.say_if_none(axes, trunk, group, segment)
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 line = style.SIDES[muscle.side][1]
                 color = group_colors(trunk)[group]
@@ -102,7 +102,7 @@ def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None
     times = plan.motion.times[: len(plan.x)]
     value = plan.x[:, index]
     below, above = (at[:, index] for at in touching(plan))
-    free = ~(below | above) & (len(times) <= MOST_DOTS)
+    free = ~(below | above) & (len(times) <= MAX_DOTS)
     axes.plot([0, *times[free]], [start, *value[free]], ".", color=color, markersize=2.5,
               zorder=3.5)  # fmt: skip
     for touch, size, face, gid in (
@@ -145,7 +145,7 @@ def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
     axes.set_xlabel("time (s)")
     axes.margins(y=0.1)
     low, high = axes.get_ylim()
-    wider = max(0.0, LEAST_RANGE - (high - low)) / 2
+    wider = max(0.0, MIN_HEAD_RANGE - (high - low)) / 2
     axes.set_ylim(low - wider, high + wider)
     axes.set_ylabel(HEAD_NAMES[index])
 
@@ -162,4 +162,4 @@ def _legend(figure: Figure, motion: Motion) -> None:
         Line2D([], [], color="white", marker="s", linestyle="", markersize=2.2,
                markeredgecolor=ink, markeredgewidth=0.6, label="at the other bound"),
     ]  # fmt: skip
-    style.legend_above(figure, handles, style.phase_keys(motion))
+    style.legend_below_title(figure, handles, style.phase_patches(motion))

@@ -18,32 +18,32 @@ from ..rod.statics import Shape, solve_statics
 from ..scene.body import muscle_body, outline
 from ..scene.colors import group_colors, groups
 from . import style
-from .scene import Surface, extent, facets_of, frame, measure, paint, toward
+from .projection import Surface, extent, facets_of, frame, measure, paint, toward
 
 # The trunk lies on paper with its base at the left: in its own axes d3 points right and d1,
 # the dorsal side, up.
 DORSAL = toward("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
-BESIDE = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
+EXPLODED = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
 SECTIONS = 12
-LINE = 3.6  # mm, of a legend
-APART = 0.12  # of the trunk's length, between exploded segments
-OUTWARDS = 1.1  # of the base radius, by which exploded muscles leave the axis
+LEGEND_LINE = 3.6  # mm, of a legend
+SEGMENT_GAP = 0.12  # of the trunk's length, between exploded segments
+MUSCLE_OFFSET = 1.1  # of the base radius, by which exploded muscles leave the axis
 
 
 def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw cross-sections in cm (fig. 3b), dorsal views (fig. 3c), an exploded view (fig. 3d)."""
     with style.styled():
-        paths = style.save(sections_picture(trunk), folder, "anatomy-sections", formats)
+        paths = style.save(sections_figure(trunk), folder, "anatomy-sections", formats)
         if trunk.subdomains:
-            paths += style.save(bodies_picture(trunk), folder, "anatomy-exploded", formats)
+            paths += style.save(bodies_figure(trunk), folder, "anatomy-exploded", formats)
     return paths
 
 
-def sections_picture(trunk: Trunk) -> Figure:
+def sections_figure(trunk: Trunk) -> Figure:
     """Cross-sections of every segment, in cm, all to one scale."""
     width = min(style.WIDTH, 60.0 * trunk.segments)
     columns = 3 if width > 100 else 2
-    header = max(14.0, 7 + LINE * np.ceil(len(groups(trunk)) / columns))
+    header = max(14.0, 7 + LEGEND_LINE * np.ceil(len(groups(trunk)) / columns))
     height = width / trunk.segments + 2 + header
     figure = style.new_figure(height, width)
     grid = figure.add_gridspec(
@@ -55,13 +55,13 @@ def sections_picture(trunk: Trunk) -> Figure:
         _section(axes, trunk, segment)
     panels[0].set_ylabel("$d_1$, dorsal (cm)")
     figure.legend(
-        handles=_key(trunk), loc="upper center", ncols=columns,
+        handles=_legend(trunk), loc="upper center", ncols=columns,
         handlelength=1, columnspacing=1,
     )  # fmt: skip
     return figure
 
 
-def _key(trunk: Trunk) -> list[Patch]:
+def _legend(trunk: Trunk) -> list[Patch]:
     names = group_colors(trunk).items()
     return [
         Patch(color=c, label=f"{g}: {style.full_name(g)}" if g in style.NAMES else g)
@@ -92,7 +92,7 @@ def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
     axes.set_xlabel("$d_2$, right (cm)")
 
 
-def bodies_picture(trunk: Trunk) -> Figure:
+def bodies_figure(trunk: Trunk) -> Figure:
     """Left: each group seen from above (dorsal); right: every muscle moved outwards."""
     straight = _straight(trunk)
     names = groups(trunk)
@@ -125,16 +125,16 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
         Theta = sum(muscle.sector) / 2
         outwards = np.array([np.cos(Theta), np.sin(Theta), 0.0])
         middle = sum(muscle.radii) / 2
-        along = np.array([0.0, 0, APART * trunk.length * muscle.segment])
-        moved.append(body + (OUTWARDS * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
+        along = np.array([0.0, 0, SEGMENT_GAP * trunk.length * muscle.segment])
+        moved.append(body + (MUSCLE_OFFSET * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
                      * outwards + along)  # fmt: skip
-    box = extent(BESIDE, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
+    box = extent(EXPLODED, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
     height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.46, 6 / height, 0.53, 1 - 12 / height))
     colors = group_colors(trunk)
     pairs = zip(bodies, moved, strict=True)
-    paint(axes, BESIDE, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
-    frame(axes, BESIDE, box)
+    paint(axes, EXPLODED, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
+    frame(axes, EXPLODED, box)
     measure(axes, box)
 
 

@@ -28,16 +28,16 @@ def draw_two_plans(
 ) -> list[Path]:
     """Draw two plans of one motion over each other; activations and J_T have no unit (eq. 42)."""
     with style.styled():
-        return style.save(picture(sequential, horizon), folder, "comparison", formats)
+        return style.save(comparison_figure(sequential, horizon), folder, "comparison", formats)
 
 
-def picture(sequential: Plan, horizon: Plan) -> Figure:
+def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
     """The figure that `draw_two_plans` writes."""
     trunk = horizon.motion.trunk
     rows = len(groups(trunk))
     height = 25.0 * rows + 38 + 26
     figure = style.new_figure(height)
-    first, second = (f"{plan.mode}{style.mark(plan)}" for plan in (sequential, horizon))
+    first, second = (f"{plan.mode}{style.unsolved_note(plan)}" for plan in (sequential, horizon))
     style.headline(figure, f"{style.title(horizon.motion)}: {first} against {second}")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
@@ -66,7 +66,7 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
                 axes.set_title(f"segment {segment + 1}")
             if row == len(panels) - 1:
                 axes.set_xlabel("time (s)")
-            style.say_if_none(axes, trunk, group, segment)
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 for plan, times, values in drawn:
                     late = plan is plans[1]
@@ -134,4 +134,4 @@ def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
         Line2D([], [], color=style.INK, linestyle=":", label="left"),
         Line2D([], [], **style.BOUND, label="bound"),
     ]
-    style.legend_above(figure, handles, [*lines, *style.phase_keys(plans[1].motion)])
+    style.legend_below_title(figure, handles, [*lines, *style.phase_patches(plans[1].motion)])

@@ -15,8 +15,8 @@ from ..planning.plan import Plan
 from ..scene.moments import end_of
 from . import style
 
-MOST_NAMED = 8  # points of the trunk in a legend
-ALONG = "cividis"  # targets, from base to tip; no muscle has these colors' meaning
+MAX_NAMED = 8  # points of the trunk in a legend
+COLORMAP = "cividis"  # targets, from base to tip; no muscle has these colors' meaning
 
 
 def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
@@ -25,7 +25,7 @@ def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     Dots are time steps, the only times at which targets are asked for; lines lead the eye.
     """
     with style.styled():
-        return style.save(picture(plan), folder, "errors", formats)
+        return style.save(errors_figure(plan), folder, "errors", formats)
 
 
 def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndarray]]:
@@ -43,12 +43,12 @@ def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndar
     return {Z: (np.array([*at]), np.array([*at.values()])) for Z, at in sorted(series.items())}
 
 
-def picture(plan: Plan) -> Figure:
+def errors_figure(plan: Plan) -> Figure:
     """The figure that `draw_errors` writes."""
     height = 62.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
-    style.legend_above(figure, style.phase_keys(plan.motion))
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
+    style.legend_below_title(figure, style.phase_patches(plan.motion))
     grid = figure.add_gridspec(
         1, 2, left=0.075, right=0.88, top=1 - 14 / height, bottom=10 / height, wspace=0.62
     )
@@ -72,9 +72,9 @@ def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -
     if not series:
         axes.text(0.5, 0.3, f"no {kind} is asked for", color=style.FAINT, transform=axes.transAxes,
                   ha="center")  # fmt: skip
-    named = np.linspace(0, len(series) - 1, MOST_NAMED).round().astype(int)
+    named = np.linspace(0, len(series) - 1, MAX_NAMED).round().astype(int)
     worst: dict[float, float] = {}
-    shades = matplotlib.colormaps[ALONG](np.linspace(0.0, 0.88, max(len(series), 2)))
+    shades = matplotlib.colormaps[COLORMAP](np.linspace(0.0, 0.88, max(len(series), 2)))
     for n, ((Z, (times, errors)), color) in enumerate(zip(series.items(), shades, strict=False)):
         label = f"Z = {Z:.3g} m" if n in named else None
         axes.plot(times, factor * errors, "o-", color=to_hex(color), markersize=2.8,

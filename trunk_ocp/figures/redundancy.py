@@ -29,10 +29,10 @@ def draw_redundancy(found: Redundancy, folder: Path, formats: Sequence[str]) -> 
     time steps and straight in between.
     """
     with style.styled():
-        return style.save(picture(found), folder, "redundancy", formats)
+        return style.save(redundancy_figure(found), folder, "redundancy", formats)
 
 
-def picture(found: Redundancy) -> Figure:
+def redundancy_figure(found: Redundancy) -> Figure:
     """The figure that `draw_redundancy` writes."""
     plan = found.plan
     trunk = plan.motion.trunk
@@ -51,7 +51,7 @@ def picture(found: Redundancy) -> Figure:
         for segment in range(trunk.segments):
             axes = panels[row, segment]
             style.shade_phases(axes, plan.motion, end_of(plan))
-            style.say_if_none(axes, trunk, group, segment)
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 if muscle.side == side:
                     _panel(axes, found, index, group_colors(trunk)[group])
@@ -96,4 +96,4 @@ def _legend(figure: Figure, plan: Plan) -> None:
         Line2D([], [], color=ink, marker=".", markersize=2.5, label="plan"),
         Line2D([], [], color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), label="least effort"),
     ]
-    style.legend_above(figure, handles, style.phase_keys(plan.motion))
+    style.legend_below_title(figure, handles, style.phase_patches(plan.motion))

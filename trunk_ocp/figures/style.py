@@ -35,10 +35,10 @@ BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2)
 
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
-MOST_PIXELS = 30_000  # along a picture's side; what draws them knows no more than 65,535
-MOST_KEYS = 6  # phases in a legend
-ROOM = 70  # letters of a legend's line
-LONGEST_TITLE = 80  # letters
+MAX_PIXELS = 30_000  # along a picture's side; what draws them knows no more than 65,535
+MAX_LEGEND_PHASES = 6  # phases in a legend
+LEGEND_LETTERS = 70  # letters of a legend's line
+MAX_TITLE = 80  # letters
 WIDTH = 180.0  # mm, two columns
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -95,7 +95,7 @@ def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> lis
     for kind in formats:
         path = folder / f"{name}.{kind}"
         with replacing(path) as unfinished:
-            dots = min(LOOK["savefig.dpi"], MOST_PIXELS / max(figure.get_size_inches()))
+            dots = min(LOOK["savefig.dpi"], MAX_PIXELS / max(figure.get_size_inches()))
             figure.savefig(unfinished, format=kind, dpi=dots, metadata=undated.get(kind))
         paths.append(path)
     return paths
@@ -115,7 +115,7 @@ def muscles_of(trunk: Trunk, group: str, segment: int) -> list[tuple[int, Muscle
     ]
 
 
-def say_if_none(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
+def note_if_empty(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
     """Say why curves are empty where a segment has no muscle of a group."""
     if not muscles_of(trunk, group, segment):
         axes.text(
@@ -141,23 +141,26 @@ def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
         axes.set_xlim(0, end)
 
 
-def phase_keys(motion: Motion) -> list[Patch]:
+def phase_patches(motion: Motion) -> list[Patch]:
     """Legend entries of the phases' shades; of the first ones, if there are very many."""
-    shown = motion.phases[:MOST_KEYS]
+    shown = motion.phases[:MAX_LEGEND_PHASES]
     more = len(motion.phases) - len(shown)
     keys = [
-        Patch(color=PHASES[n % len(PHASES)], label=plain(short(phase.name, ROOM // len(shown))))
+        Patch(
+            color=PHASES[n % len(PHASES)],
+            label=escaped(shortened(phase.name, LEGEND_LETTERS // len(shown))),
+        )
         for n, phase in enumerate(shown)
     ]
     return [*keys, Patch(alpha=0, label=f"and {more} more phases")] if more else keys
 
 
-def short(text: str, most: int) -> str:
+def shortened(text: str, most: int) -> str:
     """A text of at most so many letters."""
     return text if len(text) <= most else text[: most - 3].rstrip() + "..."
 
 
-def plain(text: str) -> str:
+def escaped(text: str) -> str:
     """Text as its author wrote it.
 
     Matplotlib takes dollars for formulae, and leaves labels with a leading underscore out.
@@ -167,10 +170,10 @@ def plain(text: str) -> str:
 
 def title(motion: Motion) -> str:
     """What a motion is called."""
-    return plain(short(motion.spec.title or motion.name, LONGEST_TITLE))
+    return escaped(shortened(motion.spec.title or motion.name, MAX_TITLE))
 
 
-def mark(plan: Plan) -> str:
+def unsolved_note(plan: Plan) -> str:
     """What a title adds to a plan that is not solved, for no one to take it for one."""
     solved = plan.status is Status.SOLVED
     return "" if solved else f", NOT SOLVED: {plan.status.name.lower().replace('_', ' ')}"
@@ -182,7 +185,7 @@ def headline(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=8.5, y=1 - 1.5 / height)
 
 
-def legend_above(figure: Figure, *rows: Sequence[Artist]) -> None:
+def legend_below_title(figure: Figure, *rows: Sequence[Artist]) -> None:
     """Put a figure's legend under its title, in rows; empty ones take no room."""
     height = figure.get_figheight() / MM
     for row, entries in enumerate(entries for entries in rows if entries):

@@ -18,14 +18,14 @@ import numpy as np
 from .._support.atomic_files import write
 from ..model.anatomy import Muscle
 from ..planning.plan import Plan
-from ..scene.colors import OTHERS, group_colors
-from ..scene.keyframes import HOLD, Keyframes, with_between
+from ..scene.colors import EXTRA_COLORS, group_colors
+from ..scene.keyframes import JUMP_DURATION, Keyframes, for_blending
 from ..scene.surfaces import Surface, coarse_body, coarse_outline, shaded
 
 FLOAT, UINT = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 
-BYTES = 5_000_000  # for the shapes; what describes them takes up to 15 % more
+TARGET_BYTES = 5_000_000  # for the shapes; what describes them takes up to 15 % more
 SECTIONS = (4, 24)  # fewest and most cross-sections of a muscle
 
 # Columns are the model's axes (X forwards, Y right, Z down) in glTF's: +Z forwards, -X right,
@@ -48,7 +48,7 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     InputError
         If the plan has no time steps, or the file cannot be written.
     """
-    frames = with_between(plan)
+    frames = for_blending(plan)
     trunk = plan.motion.trunk
     parts: list[Muscle | None] = list(trunk.subdomains) or [None]
     sections = sections_within(parts, len(frames.times))
@@ -61,16 +61,16 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
         surface = shaded(coarse_body(trunk, part, frames.shape, sections))
         name = part.name if part else trunk.name
         extras = _extras(part, frames.activation[:, i]) if part else {}
-        color = colors[part.group] if part else OTHERS[4]
+        color = colors[part.group] if part else EXTRA_COLORS[4]
         file.morphing_mesh(name, surface, color, names, extras)
     return write(path, file.glb(_root(plan, frames)))
 
 
 def sections_within(parts: list[Muscle | None], frames: int) -> int:
-    """Cross-sections of each muscle, so that all shapes together take some `BYTES`."""
+    """Cross-sections of each muscle, so that all shapes together take some `TARGET_BYTES`."""
     points = np.array([len(coarse_outline(part)[0]) if part else 24 for part in parts])
     per_section, caps = (points + 4).sum(), 2 * points.sum()  # four edges have two normals
-    room = BYTES / (24 * frames)  # a vertex is a position and a normal, 24 bytes
+    room = TARGET_BYTES / (24 * frames)  # a vertex is a position and a normal, 24 bytes
     return int(np.clip((room - caps) / per_section, *SECTIONS))
 
 
@@ -85,7 +85,7 @@ def weight_keys(frames: Keyframes) -> tuple[np.ndarray, np.ndarray]:
     for i in range(1, count):
         if frames.held[i]:
             step = frames.times[i] - frames.times[i - 1]
-            times.append(frames.times[i] - min(HOLD, step / 2))
+            times.append(frames.times[i] - min(JUMP_DURATION, step / 2))
             shapes.append(i - 1)
         times.append(frames.times[i])
         shapes.append(i)

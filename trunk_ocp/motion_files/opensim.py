@@ -11,9 +11,9 @@ from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
 from ..scene.keyframes import check_steps
 
-RATE = 100.0  # rows a second, besides those at the time steps
-MOST = 100_000  # regular rows; of a motion beyond a quarter of an hour they are farther apart
-SAME = 1e-6  # s; a regular row this near to a time step would be the same row again
+ROW_RATE = 100.0  # rows a second, besides those at the time steps
+MAX_ROWS = 100_000  # regular rows; of a motion beyond a quarter of an hour they are farther apart
+TIME_TOL = 1e-6  # s; a regular row this near to a time step would be the same row again
 
 
 def write_sto(plan: Plan, path: str | Path) -> Path:
@@ -45,11 +45,11 @@ def write_sto(plan: Plan, path: str | Path) -> Path:
 
 def sto_times(steps: np.ndarray) -> np.ndarray:
     """Times of the rows in s: every 10 ms from 0, or rarer, and the time steps (H,)."""
-    rate = min(RATE, MOST / float(steps[-1]))
+    rate = min(ROW_RATE, MAX_ROWS / float(steps[-1]))
     regular = np.arange(int(steps[-1] * rate) + 1) / rate
     after = np.searchsorted(steps, regular).clip(max=len(steps) - 1)
     nearest = np.minimum(np.abs(regular - steps[after]), np.abs(regular - steps[after - 1]))
-    kept = regular[(nearest > SAME) & (regular < steps[-1])]
+    kept = regular[(nearest > TIME_TOL) & (regular < steps[-1])]
     return np.sort(np.concatenate([kept, steps]))
 
 

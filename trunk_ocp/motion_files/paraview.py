@@ -20,8 +20,8 @@ from ..rod.statics import Shape
 from ..scene.body import Body, muscle_body, trunk_body
 from ..scene.keyframes import Keyframes, at_steps
 
-PIECES = 40  # of the centerline in each segment
-TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
+LINE_PIECES = 40  # of the centerline in each segment
+VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
 
 
 def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
@@ -92,7 +92,7 @@ def _bodies(trunk: Trunk, shape: Shape) -> tuple[list[Body], list[tuple[int, int
 
 def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
     ends = zip(trunk.edges[:-1], trunk.edges[1:], strict=True)
-    Z = np.unique(np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in ends]))
+    Z = np.unique(np.concatenate([np.linspace(a, b, LINE_PIECES + 1) for a, b in ends]))
     cells = np.stack([np.arange(len(Z) - 1), np.arange(1, len(Z))], axis=-1)
     points, moment = frames.shape.position(Z), frames.shape.moment(Z)
     extension = _extension(frames.shape, Z)
@@ -165,7 +165,7 @@ def _array(name: str, values: np.ndarray, count: str = "") -> str:
     count : attribute for the number of values, which field data need.
     """
     values = np.ascontiguousarray(values)
-    kind = TYPES[values.dtype.str[1:]]
+    kind = VTK_TYPES[values.dtype.str[1:]]
     raw = values.astype(values.dtype.newbyteorder("<")).tobytes()
     packed = zlib.compress(raw, 6)
     header = np.array([1, len(raw), 0, len(packed)], dtype="<u4").tobytes()

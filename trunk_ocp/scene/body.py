@@ -23,7 +23,7 @@ from ..model.anatomy import Muscle, Trunk
 from ..rod.collocation import gauss
 from ..rod.statics import Shape
 
-ARC = np.radians(7.5)  # largest angle between two points of an arc
+MAX_ARC_STEP = np.radians(7.5)  # largest angle between two points of an arc
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,20 +71,20 @@ def outline(muscle: Muscle) -> np.ndarray:
     """
     inner, outer = muscle.radii
     first, second = muscle.sector
-    Theta = np.linspace(first, second, 1 + _pieces(second - first))
+    Theta = np.linspace(first, second, 1 + _arc_steps(second - first))
     arc = np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
     return np.concatenate([outer * arc, inner * arc[::-1] if inner > 0 else np.zeros((1, 2))])
 
 
 def disc(radius: float) -> np.ndarray:
     """Outline (m, 2) of the whole trunk at Z = 0, counter-clockwise."""
-    Theta = np.linspace(0, 2 * np.pi, 1 + _pieces(2 * np.pi))[:-1]
+    Theta = np.linspace(0, 2 * np.pi, 1 + _arc_steps(2 * np.pi))[:-1]
     return radius * np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
 
 
-def _pieces(angle: float) -> int:
+def _arc_steps(angle: float) -> int:
     """Straight pieces of an arc; not one more for an angle's last digit."""
-    return max(1, int(np.ceil(angle / ARC - 1e-9)))
+    return max(1, int(np.ceil(angle / MAX_ARC_STEP - 1e-9)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from ..model.anatomy import Muscle, Trunk
 from ..rod.statics import Shape
 from .body import Body, disc, frames, outline, swept
 
-EDGE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one
+SMOOTH_COSINE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def _patches(body: Body, flat: np.ndarray) -> np.ndarray:
     same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
     one, other = order[same] // 3, order[same + 1] // 3
     unit = _unit(flat)
-    smooth = np.einsum("ti,ti->t", unit[one], unit[other]) > EDGE
+    smooth = np.einsum("ti,ti->t", unit[one], unit[other]) > SMOOTH_COSINE
     count = len(triangles)
     joined = coo_array((smooth[smooth], (one[smooth], other[smooth])), shape=(count, count))
     patches: np.ndarray = connected_components(joined, directed=False)[1]

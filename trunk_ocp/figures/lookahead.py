@@ -32,22 +32,22 @@ SOLVED = Status.SOLVED.name.lower()
 def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw costs against lookahead, and four ways of planning over time."""
     with style.styled():
-        return style.save(picture(result), folder, "comparison", formats)
+        return style.save(lookahead_figure(result), folder, "comparison", formats)
 
 
 def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw what `survey` found: objective and smoothness against lookahead, for each limit."""
     with style.styled():
-        return style.save(survey_picture(data), folder, f"foresight-{data['problem']}", formats)
+        return style.save(survey_figure(data), folder, f"foresight-{data['problem']}", formats)
 
 
 def draw_front(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw what `front` found: tracking against smoothness, blind and with a horizon."""
     with style.styled():
-        return style.save(front_picture(data), folder, f"front-{data['problem']}", formats)
+        return style.save(front_figure(data), folder, f"front-{data['problem']}", formats)
 
 
-def picture(result: Foresight) -> Figure:
+def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
     height = 112.0
     figure = style.new_figure(height)
@@ -67,7 +67,7 @@ def picture(result: Foresight) -> Figure:
         Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
                label="some target missed, or not solved"),
     ]  # fmt: skip
-    style.legend_above(figure, lines, [*marks, *style.phase_keys(result.motion)])
+    style.legend_below_title(figure, lines, [*marks, *style.phase_patches(result.motion)])
     return figure
 
 
@@ -145,12 +145,12 @@ def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
     panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
-def survey_picture(data: Mapping[str, Any]) -> Figure:
+def survey_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_survey` writes."""
     cells = data["cells"]
     height = 78.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.plain(data['problem'])}: how many steps ahead suffice")
+    style.headline(figure, f"{style.escaped(data['problem'])}: how many steps ahead suffice")
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(
         left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
@@ -189,11 +189,11 @@ def _limits_said(limits: Mapping[str, float | None]) -> str:
     return ", ".join(words) or "own bounds"
 
 
-def front_picture(data: Mapping[str, Any]) -> Figure:
+def front_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_front` writes."""
     height = 70.0
     figure = style.new_figure(height, 90.0)
-    style.headline(figure, f"{style.plain(data['problem'])}: tracking against smoothness")
+    style.headline(figure, f"{style.escaped(data['problem'])}: tracking against smoothness")
     axes = figure.subplots()
     figure.subplots_adjust(left=0.16, right=0.97, top=1 - 8 / height, bottom=11 / height)
     for way, color in (("blind", BLIND), ("horizon", HORIZON)):
