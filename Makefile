@@ -5,7 +5,7 @@ READY := .venv/ready
 TESTABLE := .venv/testable
 OLDEST := .venv-oldest
 
-.PHONY: venv motion results test oldest frameworks trust study examples lint bench schema clean
+.PHONY: venv motion results pictures test oldest frameworks trust study examples lint bench schema clean
 
 venv: $(READY)
 
@@ -47,6 +47,10 @@ motion: venv
 results: venv
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
 	  $(BIN)/solve-motion $$motion --mode both --out results/study/$$motion || exit 1; done
+
+# The pictures of the documentation: a film of the fruit motion, and the figure of conventions.
+pictures: venv
+	$(BIN)/python docs/pictures.py
 
 # Files made up and damaged, runs killed and resumed, cases validated; TRUST=--inputs=... for more.
 trust: venv

@@ -98,7 +98,7 @@ def on_page(plan, moment):
 
 def in_film(plan, moment):
     stage = film.Stage(plan, [moment])
-    return [Solid.of_facets(s.facets, s.color) for s in stage._objects(moment)]
+    return [Solid.of_facets(s.facets, s.color) for s in stage.objects(moment)]
 
 
 def in_figure(plan, phase):

@@ -52,7 +52,7 @@ def sections_figure(trunk: Trunk) -> Figure:
     )  # fmt: skip
     panels = grid.subplots(squeeze=False, sharex=True, sharey=True)[0]
     for segment, axes in enumerate(panels):
-        _section(axes, trunk, segment)
+        draw_section(axes, trunk, segment)
     panels[0].set_ylabel("$d_1$, dorsal (cm)")
     figure.legend(
         handles=_legend(trunk), loc="upper center", ncols=columns,
@@ -69,7 +69,7 @@ def _legend(trunk: Trunk) -> list[Patch]:
     ]
 
 
-def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
+def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
     """A segment's muscles where it starts, looked at from the base: right is on the right."""
     start = trunk.edges[segment]
     to_cm = 100 * float(trunk.taper(start))

@@ -1,4 +1,4 @@
-"""The motion as a film: the trunk with its muscles at work, seen three-quarter from both sides."""
+"""A motion as a film: the trunk with its muscles at work, from the right and from the left."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -22,25 +23,26 @@ from .._support.atomic_files import replacing
 from ..errors import InputError
 from ..planning.plan import Plan
 from ..problem.interpolation import with_marks
-from ..scene.body import muscle_body
-from ..scene.moments import Moment, end_of, moments_at
+from ..scene.body import core_body, core_radius, muscle_body
+from ..scene.moments import Moment, end_of, moments_at, phase_at
 from ..scene.surroundings import head_sphere, logs, tip_mass
 from . import style
 from .muscles import ACTIVATION, DARKEST, MARGIN, SECTIONS, VIEWS, strongest
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
 from .shapes import WOOD, mass_surfaces
 
-FRAME_RATE = 15  # frames per second of film
-SLOWDOWN = 2  # times as long as the motion, which takes two to four seconds
-MAX_FRAMES = 150  # frames
+FRAME_RATE = 15  # per second of film
+SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds
+MAX_FRAMES = 150
 SIZE = 150.0, 95.0  # mm
-DPI = 130  # per inch
+DPI = 130
+CORE = "#CFC6BD"  # as on the page
 
 Progress = Callable[[int, int], Any]
 
 
 def frame_times(plan: Plan) -> np.ndarray:
-    """Times in s of the film's frames, from rest to the end; jumps of the loads among them."""
+    """Times in s of the film's frames, from rest to the end, with the jumps of the loads."""
     end = end_of(plan)
     count = min(int(np.ceil(end * FRAME_RATE * SLOWDOWN)), MAX_FRAMES) + 1
     times = np.linspace(0.0, end, max(count, 2))
@@ -50,11 +52,11 @@ def frame_times(plan: Plan) -> np.ndarray:
 def write_film(plan: Plan, folder: str | Path, progress: Progress | None = None) -> list[Path]:
     """Write `film.gif` and, where the program ffmpeg is installed, `film.mp4`.
 
-    Muscles are colored by |activation|; the right side and the left, at half the speed.
+    Muscles are colored by |activation|; seen from both sides, at half the speed.
 
     Parameters
     ----------
-    progress : callable
+    progress : callable, optional
         Called with (frames done, frames) after each frame.
 
     Raises
@@ -88,62 +90,76 @@ def write_film(plan: Plan, folder: str | Path, progress: Progress | None = None)
 
 
 class Stage:
-    """The figure of a film, drawn again for each moment."""
+    """The figure of a film, drawn again for each moment; every moment has room in it."""
 
     def __init__(self, plan: Plan, moments: list[Moment]) -> None:
         self.plan, self.figure = plan, style.new_figure(SIZE[1], SIZE[0])
         FigureCanvasAgg(self.figure)
         self.scale = Normalize(0.0, strongest(plan))
         self.logs, self.mass = logs(plan), tip_mass(plan)
+        self.head = head_sphere(plan.motion.trunk)
         self.boxes = {side: self._box(view, moments) for side, view in VIEWS.items()}
 
     def _box(self, view: View, moments: list[Moment]) -> Bbox:
-        """Room for every moment, so that nothing jumps."""
         trunk = self.plan.motion.trunk
         Z = np.linspace(0, trunk.length, 40)
         points = [moment.shape.position(Z)[0] for moment in moments]
         for moment in moments:
-            points += [surface.facets.reshape(-1, 3) for surface in self._objects(moment)]
+            points += [surface.facets.reshape(-1, 3) for surface in self.objects(moment)]
+        if self.head is not None:
+            around = np.stack([view.across, -view.across, view.down, -view.down])
+            # The margin that the trunk's radius needs is added to all points.
+            points.append(self.head[0] + (self.head[1] - trunk.base_radius) * around)
         return extent(view, np.concatenate(points), trunk.base_radius + MARGIN * trunk.length)
 
     def show(self, moment: Moment) -> None:
         """Draw a moment."""
-        figure, trunk = self.figure, self.plan.motion.trunk
-        figure.clear()
-        motion, mark = style.title(self.plan.motion), style.unsolved_note(self.plan)
+        self.figure.clear()
+        motion, note = style.title(self.plan.motion), style.unsolved_note(self.plan)
+        phase = self.plan.motion.phases[phase_at(self.plan.motion, moment.time, moment.after)]
         after = " (just after)" if moment.after else ""
-        style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s{after}")
+        name = style.escaped(style.shortened(phase.name, 30))
+        style.headline(self.figure, f"{motion}{note}: {name}, t = {moment.time:.2f} s{after}")
+        for place, (side, view) in enumerate(VIEWS.items()):
+            axes = self.figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
+            self.panel(axes, view, moment)
+            frame(axes, view, self.boxes[side])
+            axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
+            if place == 0:
+                measure(axes, self.boxes[side])
+        _bar(self.figure, self.scale)
+
+    def panel(self, axes: Axes, view: View, moment: Moment) -> None:
+        """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
+        if self.head is not None:
+            center, radius = tuple(view.flat(self.head[0])), self.head[1]
+            axes.add_patch(Circle(center, radius, color="#E4E4E4", linewidth=0, zorder=1))
+        trunk = self.plan.motion.trunk
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         surfaces = [
             Surface(facets_of(body, SECTIONS), self._color(moment.activation[index]))
             for index, body in enumerate(bodies)
         ]
-        surfaces += self._objects(moment)
-        for place, (side, view) in enumerate(VIEWS.items()):
-            axes = figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
-            sphere = head_sphere(trunk)
-            if sphere is not None:
-                center = tuple(view.flat(sphere[0]))
-                axes.add_patch(Circle(center, sphere[1], color="#E4E4E4", linewidth=0, zorder=1))
-            paint(axes, view, surfaces, darkest=DARKEST)
-            frame(axes, view, self.boxes[side])
-            axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
-            if place == 0:
-                measure(axes, self.boxes[side])
-        _bar(figure, self.scale)
+        cores = [
+            core_body(trunk, segment, moment.shape, SECTIONS)
+            for segment in range(trunk.segments)
+            if core_radius(trunk, segment) > 0
+        ]
+        surfaces += [Surface(facets_of(core, SECTIONS), CORE) for core in cores]
+        paint(axes, view, surfaces + self.objects(moment), darkest=DARKEST)
 
-    def _color(self, activation: float) -> tuple[float, float, float]:
-        red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
-        return (red, green, blue)
-
-    def _objects(self, moment: Moment) -> list[Surface]:
-        """Logs and the tip mass."""
+    def objects(self, moment: Moment) -> list[Surface]:
+        """Logs and the tip mass at a moment."""
         cylinders = [
             cylinder(log.center(self.plan, moment.time), log.radius, log.length)
             for log in self.logs
         ]
         surfaces = [Surface(facets, WOOD) for facets in cylinders]
         return surfaces + mass_surfaces(self.plan, self.mass, moment)
+
+    def _color(self, activation: float) -> tuple[float, float, float]:
+        red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
+        return (red, green, blue)
 
 
 def _bar(figure: Figure, scale: Normalize) -> None:

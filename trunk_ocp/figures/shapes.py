@@ -16,7 +16,7 @@ from matplotlib.transforms import Bbox
 
 from .._support.wording import rounded
 from ..planning.plan import Plan
-from ..scene.body import frames, swept
+from ..scene.body import frames, round_body
 from ..scene.colors import MASS
 from ..scene.moments import Moment, moments_at, times_of_phase
 from ..scene.surroundings import Log, Mark, TipMass, head_sphere, logs, marks, tip_mass
@@ -233,11 +233,8 @@ def _body(plan: Plan, moment: Moment) -> np.ndarray:
     trunk = plan.motion.trunk
     angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
     section = trunk.base_radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    fan = np.arange(1, FACETS - 1)
-    caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
     Z = np.linspace(0.0, trunk.length, SECTIONS)
-    body = swept(section, frames(trunk, moment.shape, Z), caps)
-    return facets_of(body, SECTIONS)
+    return facets_of(round_body(section, frames(trunk, moment.shape, Z)), SECTIONS)
 
 
 def _paths(axes: Axes, view: View, row: Row) -> None:

@@ -128,10 +128,25 @@ def muscle_body(trunk: Trunk, muscle: Muscle, shape: Shape, sections: int = 24) 
 def trunk_body(trunk: Trunk, shape: Shape, sections: int = 120) -> Body:
     """The whole trunk in shapes (H,)."""
     Z = np.linspace(0.0, trunk.length, sections)
-    section = disc(trunk.base_radius)
+    return round_body(disc(trunk.base_radius), frames(trunk, shape, Z))
+
+
+def core_body(trunk: Trunk, segment: int, shape: Shape, sections: int) -> Body:
+    """The tissue inside the muscles of a segment, in shapes (H,), on a number of cross-sections."""
+    Z = np.linspace(trunk.edges[segment], trunk.edges[segment + 1], sections)
+    return round_body(disc(core_radius(trunk, segment)), frames(trunk, shape, Z))
+
+
+def core_radius(trunk: Trunk, segment: int) -> float:
+    """Radius in m at Z = 0 of the core that no muscle of a segment reaches into."""
+    inner = (muscle.radii[0] for muscle in trunk.subdomains if muscle.segment == segment)
+    return min(inner, default=trunk.base_radius)
+
+
+def round_body(section: np.ndarray, at: Frames) -> Body:
+    """The body that a round outline (m, 2) sweeps along cross-sections."""
     fan = np.arange(1, len(section) - 1)
-    caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
-    return swept(section, frames(trunk, shape, Z), caps)
+    return swept(section, at, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1))
 
 
 def _band(m: int, hollow: bool) -> np.ndarray:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..model.anatomy import Muscle, Trunk
 from ..rod.statics import Shape
-from .body import Body, disc, frames, outline, swept
+from .body import Body, disc, frames, outline, round_body, swept
 
 SMOOTH_COSINE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one
 
@@ -34,11 +34,8 @@ def coarse_body(trunk: Trunk, muscle: Muscle | None, shape: Shape, sections: int
     most, so a cross-section is 1.1 % too small at most.
     """
     if muscle is None:
-        section = disc(trunk.base_radius)[::2]
-        fan = np.arange(1, len(section) - 1)
-        caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
         Z = np.concatenate([np.linspace(a, b, sections) for a, b in _segments(trunk)])
-        return swept(section, frames(trunk, shape, np.unique(Z)), caps)
+        return round_body(disc(trunk.base_radius)[::2], frames(trunk, shape, np.unique(Z)))
     section, caps = coarse_outline(muscle)
     start, end = _segments(trunk)[muscle.segment]
     return swept(section, frames(trunk, shape, np.linspace(start, end, sections)), caps)

@@ -20,7 +20,7 @@ from ..model.anatomy import Muscle, Trunk
 from ..planning.plan import Plan, Status
 from ..problem.interpolation import with_marks
 from ..problem.motion import Motion, Step
-from ..scene.body import frames, outline
+from ..scene.body import core_radius, frames, outline
 from ..scene.colors import MASS, group_colors
 from ..scene.moments import Moment, joined, moments_at, phase_at
 from ..scene.surroundings import Mark, head_sphere, logs, marks, tip_mass
@@ -191,18 +191,12 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
         "colors": group_colors(trunk),
         "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
         "cores": [
-            {"first": first, "last": last, "radius": _core(trunk, segment)}
+            {"first": first, "last": last, "radius": core_radius(trunk, segment)}
             for segment, (first, last) in enumerate(
                 zip(grid.edges[:-1], grid.edges[1:], strict=True)
             )
         ],
     }
-
-
-def _core(trunk: Trunk, segment: int) -> float:
-    """Radius in m at Z = 0 of what no muscle of a segment reaches into."""
-    inner = (muscle.radii[0] for muscle in trunk.subdomains if muscle.segment == segment)
-    return min(inner, default=trunk.base_radius)
 
 
 def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
