@@ -44,6 +44,7 @@ def write_fruit(plan: Plan, path: Path) -> None:
     # One palette for all frames: what does not move keeps its color, and the file stays small.
     sample = Image.fromarray(np.concatenate(images[::8]))
     palette = sample.quantize(COLORS, dither=Image.Dither.NONE)
+    palette.putpalette([255 if c > 250 else c for c in palette.getpalette() or []])  # white paper
     frames = [
         Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE)
         for image in images

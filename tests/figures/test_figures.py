@@ -22,6 +22,7 @@ from trunk_ocp.figures import (
     activations,
     anatomy,
     comparison,
+    conventions,
     draw,
     draw_anatomy,
     draw_comparison,
@@ -37,6 +38,7 @@ from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.motion import build_motion, load_motion
+from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors
 from trunk_ocp.scene.moments import curve_times, curves, moments_at, times_of_motion
 from trunk_ocp.scene.surroundings import head_sphere, logs, tip_mass
@@ -375,6 +377,33 @@ def test_another_trunk_has_colors_of_its_own_and_no_head(tmp_path):
     assert head_sphere(plan.motion.trunk) is None
     assert "muscles-left" in drawn(plan, tmp_path)
     assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 2
+
+
+def test_the_conventions_say_what_the_model_does(trunk):
+    """Signs that the figure states in words; and one panel for each muscle view."""
+    tip = np.array([trunk.length])
+
+    def moved(activation, head):
+        return (solve_statics(trunk, activation, head).position(tip) - rest)[0]
+
+    relaxed, contracted = np.zeros(28), np.zeros(28)
+    contracted[0] = conventions.CONTRACTION
+    rest = solve_statics(trunk, relaxed).position(tip)
+    assert moved(relaxed, (0.0, conventions.HEAD_ANGLE))[2] < -0.1  # the head turns up
+    assert moved(relaxed, (conventions.HEAD_ANGLE, 0.0))[1] > 0.1  # the head turns right
+    assert moved(contracted, (0.0, 0.0))[1] > 0.1  # bends right,
+    assert moved(contracted, (0.0, 0.0))[2] < -0.1  # and up
+    with style.styled():
+        figure = conventions.conventions_figure(trunk)
+    shown = " ".join(texts(figure))
+    for words in ("X, forward", "Z, down", "head turns up", "Muscle R1-dl contracts", "segment 3"):
+        assert words in shown
+
+
+def test_conventions_of_a_trunk_without_head_or_muscles(tmp_path):
+    motion = arm(tmp_path, "position = [0.0, 0.0, 1.0]", ROD[: ROD.index("muscles")])
+    (file,) = conventions.draw_conventions(motion.trunk, tmp_path, ("png",))
+    assert 0.01 <= np.mean(imread(file)[..., :3].min(axis=-1) < 0.95) <= 0.9
 
 
 def test_names_are_not_taken_for_formulae(tmp_path):

@@ -1,4 +1,4 @@
-"""Where a trunk's muscles are: cross-sections and an exploded view (figs. 3b-d)."""
+"""The muscles of a trunk: cross-sections and an exploded view (figs. 3b-d)."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from ..scene.colors import group_colors, groups
 from . import style
 from .projection import Surface, extent, facets_of, frame, measure, paint, toward
 
-# The trunk lies on paper with its base at the left: in its own axes d3 points right and d1,
-# the dorsal side, up.
+# On paper the base is at the left: in the trunk's own axes d3 points right and d1, dorsal, up.
 DORSAL = toward("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
 EXPLODED = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
 SECTIONS = 12
-LEGEND_LINE = 3.6  # mm, of a legend
+LEGEND_LINE = 3.6  # mm, height of a line of the legend
 SEGMENT_GAP = 0.12  # of the trunk's length, between exploded segments
-MUSCLE_OFFSET = 1.1  # of the base radius, by which exploded muscles leave the axis
+MUSCLE_OFFSET = 1.1  # of the base radius; how far exploded muscles move outward
 
 
 def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Path]:
@@ -40,7 +39,7 @@ def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Pat
 
 
 def sections_figure(trunk: Trunk) -> Figure:
-    """Cross-sections of every segment, in cm, all to one scale."""
+    """Cross-sections of every segment in cm, all to one scale."""
     width = min(style.WIDTH, 60.0 * trunk.segments)
     columns = 3 if width > 100 else 2
     header = max(14.0, 7 + LEGEND_LINE * np.ceil(len(groups(trunk)) / columns))
@@ -70,7 +69,7 @@ def _legend(trunk: Trunk) -> list[Patch]:
 
 
 def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
-    """A segment's muscles where it starts, looked at from the base: right is on the right."""
+    """Draw a segment's muscles at its start, seen from the base: right is on the right."""
     start = trunk.edges[segment]
     to_cm = 100 * float(trunk.taper(start))
     radius = to_cm * trunk.base_radius
@@ -93,7 +92,7 @@ def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
 
 
 def bodies_figure(trunk: Trunk) -> Figure:
-    """Left: each group seen from above (dorsal); right: every muscle moved outwards."""
+    """Left: each group from above (dorsal); right: all muscles, moved outward."""
     straight = _straight(trunk)
     names = groups(trunk)
     height = max(12.0 * len(names), 60.0) + 12
@@ -113,7 +112,7 @@ def bodies_figure(trunk: Trunk) -> Figure:
         figure.text(0.005, bottom + tall / height / 2, group, color=colors[group], va="center",
                     fontweight="bold")  # fmt: skip
     _exploded(figure, trunk, bodies)
-    figure.text(0.24, 1 - 1 / height, "each group, from its dorsal side", ha="center", va="top")
+    figure.text(0.24, 1 - 1 / height, "each group, dorsal view", ha="center", va="top")
     figure.text(0.72, 1 - 1 / height, f"all {len(bodies)} muscles, moved apart", ha="center",
                 va="top")  # fmt: skip
     return figure
@@ -123,11 +122,11 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
     moved = []
     for muscle, body in bodies:
         Theta = sum(muscle.sector) / 2
-        outwards = np.array([np.cos(Theta), np.sin(Theta), 0.0])
+        outward = np.array([np.cos(Theta), np.sin(Theta), 0.0])
         middle = sum(muscle.radii) / 2
         along = np.array([0.0, 0, SEGMENT_GAP * trunk.length * muscle.segment])
         moved.append(body + (MUSCLE_OFFSET * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
-                     * outwards + along)  # fmt: skip
+                     * outward + along)  # fmt: skip
     box = extent(EXPLODED, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
     height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.46, 6 / height, 0.53, 1 - 12 / height))
@@ -139,14 +138,14 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
 
 
 def _straight(trunk: Trunk) -> Shape:
-    """The trunk before any muscle or load, (1,) shapes."""
-    nothing = np.zeros((1, len(trunk.subdomains)))
-    return solve_statics(trunk, nothing, loads=Loads(gravity=0.0))
+    """The trunk without contraction or load, (1,) shapes."""
+    relaxed = np.zeros((1, len(trunk.subdomains)))
+    return solve_statics(trunk, relaxed, loads=Loads(gravity=0.0))
 
 
 def _facets(trunk: Trunk, muscle: Muscle, straight: Shape) -> np.ndarray:
     """A muscle's facets (k, 4, 3) in the trunk's own axes (d1, d2, d3), m."""
     body = muscle_body(trunk, muscle, straight, SECTIONS)
     base = np.zeros(1)
-    own = (body.vertices[0] - straight.position(base)[0, 0]) @ straight.directors(base)[0, 0].T
-    return facets_of(replace(body, vertices=own[None]), SECTIONS)
+    local = (body.vertices[0] - straight.position(base)[0, 0]) @ straight.directors(base)[0, 0].T
+    return facets_of(replace(body, vertices=local[None]), SECTIONS)

@@ -1,4 +1,4 @@
-"""What foresight changes: a sequential plan and a horizon in one picture."""
+"""A sequential plan and a horizon plan of one motion in the same figure."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
     height = 25.0 * rows + 38 + 26
     figure = style.new_figure(height)
     first, second = (f"{plan.mode}{style.unsolved_note(plan)}" for plan in (sequential, horizon))
-    style.headline(figure, f"{style.title(horizon.motion)}: {first} against {second}")
+    style.headline(figure, f"{style.title(horizon.motion)}: {first} and {second}")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
         left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,
@@ -69,11 +69,11 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
             style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 for plan, times, values in drawn:
-                    late = plan is plans[1]
+                    horizon = plan is plans[1]
                     axes.plot(
                         times, values[:, index], style.SIDES[muscle.side][1],
-                        color=group_colors(trunk)[group] if late else SEQUENTIAL,
-                        linewidth=1.3 if late else 1.0, zorder=4 if late else 3,
+                        color=group_colors(trunk)[group] if horizon else SEQUENTIAL,
+                        linewidth=1.3 if horizon else 1.0, zorder=4 if horizon else 3,
                         gid=f"{plan.mode} {muscle.name}",
                     )  # fmt: skip
                 draw_bounds(axes, plans[1], index)
@@ -82,11 +82,11 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
 
 
 def _range(plans: tuple[Plan, Plan]) -> tuple[float, float]:
-    """Upper and lower end of every panel: contraction, which is negative, upwards."""
+    """Lower and upper end of every panel; contraction, which is negative, upward."""
     values = [plan.activations.ravel() for plan in plans] + [np.zeros(1)]
     values += [bound[:, :-2].ravel() for plan in plans for bound in limits(plan)]
-    every = np.concatenate(values)
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+    joined = np.concatenate(values)
+    low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     margin = 0.08 * (high - low or 1.0)
     return high + margin, low - margin
 
@@ -100,7 +100,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
         times = plan.motion.times[: len(plan.x)]
         errors = plan.errors if len(plan.x) else ()
         cost = np.array([error.paper for error in errors])
-        # From rest to the first step is no change of mind.
+        # Without the change from rest to step 1, which every plan has.
         change = np.abs(np.diff(trajectory(plan)[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, change, at_bound), strict=True):

@@ -1,4 +1,4 @@
-"""How far the trunk is from its targets, through time."""
+"""Distances of the trunk from its targets over time."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..scene.moments import end_of
 from . import style
 
 MAX_NAMED = 8  # points of the trunk in a legend
-COLORMAP = "cividis"  # targets, from base to tip; no muscle has these colors' meaning
+COLORMAP = "cividis"  # for targets, from base to tip; unlike the colors of muscles
 
 
 def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw each target's error over time: positions in mm, directions as a length (eq. 42).
 
-    Dots are time steps, the only times at which targets are asked for; lines lead the eye.
+    Dots are time steps, the only times that have targets; lines guide the eye.
     """
     with style.styled():
         return style.save(errors_figure(plan), folder, "errors", formats)
@@ -31,7 +31,7 @@ def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
 def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     """Times in s and errors of each point Z (m): "position" in m, "direction" without unit.
 
-    Of several directors asked for at one point, the worst.
+    If several directors have a target at one point, the worst of them.
     """
     series: dict[float, dict[float, float]] = {}
     if len(plan.x):
@@ -66,11 +66,11 @@ def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -
     axes.set_yscale("log")
     axes.set_xlabel("time (s)")
     series = error_series(plan, kind)
-    if not series:  # before the line, of which alone no range can be made
+    if not series:  # a log axis cannot find a range from the line of the tolerance alone
         axes.set_ylim(tolerance / 10, 10 * tolerance)
     axes.axhline(tolerance, color=style.INK, linewidth=0.8, linestyle="--", label="tolerance")
     if not series:
-        axes.text(0.5, 0.3, f"no {kind} is asked for", color=style.FAINT, transform=axes.transAxes,
+        axes.text(0.5, 0.3, f"no targets of {kind}", color=style.FAINT, transform=axes.transAxes,
                   ha="center")  # fmt: skip
     named = np.linspace(0, len(series) - 1, MAX_NAMED).round().astype(int)
     worst: dict[float, float] = {}

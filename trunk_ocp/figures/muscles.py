@@ -1,4 +1,4 @@
-"""The muscle groups by themselves, deformed, colored by activation (figs. 5, 7, 9)."""
+"""Each muscle group alone, deformed and colored by activation (figs. 5, 7, 9)."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from .projection import Surface, extent, facets_of, frame, measure, paint, towar
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any color vision and in gray
 SECTIONS = 10
-MIN_COLUMN = 16.0  # mm, of a column; the page grows with the number of groups
-LETTER_WIDTH = 1.6  # mm of a heading
+MIN_COLUMN = 16.0  # mm; the figure grows with the number of groups
+LETTER_WIDTH = 1.6  # mm, in a heading
 MARGIN = 0.02 / 1.75  # of the trunk's length, around it
-DARKEST = 0.8  # shading must not be taken for activation
-# Each side as one sees it standing beside the elephant, a little in front and above.
+DARKEST = 0.8  # light shading, so that it is not mistaken for activation
+# Each side as seen from beside the elephant, slightly in front and above.
 VIEWS = {side: toward(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
 
 
 def draw_muscles(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw each muscle group alone at several times, colored by |activation| (figs. 5, 7, 9).
 
-    A figure for each side; columns are groups, rows times in s. The muscles' true subdomains in
-    the deformed trunk, seen from their own side; the trunk's centerline is a thin line.
+    A figure for each side; columns are groups, rows times in s. Muscles are their subdomains in the
+    deformed trunk, seen from their own side; the thin line is the trunk's centerline.
     """
     trunk = plan.motion.trunk
     end = end_of(plan)
@@ -80,7 +80,7 @@ def muscles_figure(plan: Plan, moments: list[Moment], side: str) -> Figure:
             frame(axes, view, box)
             if row == 0:
                 _head_column(axes, trunk, group, int(width / LETTER_WIDTH))
-            if column == 0 and row == len(moments) - 1:  # one bar is enough for all
+            if column == 0 and row == len(moments) - 1:  # one bar for all
                 measure(axes, box)
     _bar(figure, scale, height)
     return figure
@@ -107,7 +107,7 @@ def _surfaces(plan: Plan, moment: Moment, group: str, side: str, scale: Normaliz
 
 
 def strongest(plan: Plan) -> float:
-    """Largest |activation| of the color bar: the motion's bound, or what a plan has beyond it."""
+    """Upper end of the color bar: the bound on |activation|, or a plan's largest if beyond it."""
     count = len(plan.motion.trunk.muscles)
     values = [bound[:, :count].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
     return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0

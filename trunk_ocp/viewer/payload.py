@@ -31,7 +31,7 @@ MIN_SAMPLES, MAX_SAMPLES = 24, 120  # of a motion, however short or long
 
 
 def payload(plans: Sequence[Plan]) -> dict[str, Any]:
-    """Everything the page shows, as JSON takes it."""
+    """Everything the page shows, ready for JSON."""
     spec = plans[0].motion.spec
     return {
         "name": spec.name,
@@ -47,7 +47,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
     grid = section_grid(plan.motion.trunk)
     return {
         **_outcome(plan),
-        # With all their digits: on which side of a jump a time is must not depend on rounding.
+        # Unrounded: rounding must not move a time to the other side of a jump.
         "times": times,
         "jumps": list(plan.jumps),
         "held": _held(plan.motion, times),
@@ -167,14 +167,14 @@ def _marks(plan: Plan) -> list[tuple[Step, Mark]]:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Points Z (n,) in m of the cross-sections; segment i begins at number `edges[i]`."""
+    """Points Z (n,) in m of the cross-sections; segment i begins at index `edges[i]`."""
 
     Z: np.ndarray
     edges: tuple[int, ...]
 
 
 def section_grid(trunk: Trunk) -> Grid:
-    """Cross-sections of a trunk, on every edge between segments."""
+    """Cross-sections of a trunk; every edge between segments has one."""
     Z, edges = [np.zeros(1)], [0]
     for start, end in zip(trunk.edges[:-1], trunk.edges[1:], strict=True):
         intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
@@ -214,7 +214,7 @@ def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
 
 
 def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
-    """Some half of an outline's points, ends of arcs among them: the page draws them smoothly."""
+    """About half of an outline's points, with the ends of arcs; the page shades them smoothly."""
     m = len(section)
     arc = m // 2 if hollow else m - 1
     kept = np.unique(np.linspace(0, arc - 1, arc // 2 + 1).round().astype(int))
