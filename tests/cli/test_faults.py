@@ -545,7 +545,7 @@ def test_pictures_need_the_font_that_matplotlib_brings_and_no_other(plan, tmp_pa
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert (tmp_path / "errors.png").exists() == (left == "DejaVu")
-    assert ("install matplotlib again" in ended.stdout) == (left == "STIX")
+    assert ("reinstall matplotlib" in ended.stdout) == (left == "STIX")
 
 
 # --- places and terminals ------------------------------------------------------------------

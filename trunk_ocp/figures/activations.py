@@ -71,8 +71,7 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
                 _steps(axes, plan, index, color, values[0, index])
         panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)", color=style.INK)
     if panels.size:
-        lower, upper = _range(plan)
-        panels[0, 0].set_ylim(upper, lower)  # shared; contraction, which is negative, upward
+        panels[0, 0].set_ylim(*activation_range([plan]))  # shared by all panels
 
 
 def _label(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
@@ -83,15 +82,15 @@ def _label(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
         axes.set_xlabel("time (s)")
 
 
-def _range(plan: Plan) -> tuple[float, float]:
-    """Smallest and largest activation in any panel, with a margin."""
-    count = len(plan.motion.trunk.muscles)
-    lower, upper = limits(plan)
-    values = [lower[:, :count], upper[:, :count], plan.activations, np.zeros((1, count))]
-    joined = np.concatenate([value.ravel() for value in values])
+def activation_range(plans: Sequence[Plan]) -> tuple[float, float]:
+    """Ends of the activation axis of plans and their bounds: contraction, negative, is upward."""
+    values = [np.zeros(1)]
+    for plan in plans:
+        values += [bound[:, :-2].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
+    joined = np.concatenate(values)
     low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     margin = 0.08 * (high - low or 1.0)
-    return low - margin, high + margin
+    return high + margin, low - margin
 
 
 def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None:

@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ..analysis.measures import time_at_bounds
-from ..planning.active_bounds import limits, touching
+from ..planning.active_bounds import touching
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of, trajectory
 from . import style
-from .activations import draw_bounds
+from .activations import activation_range, draw_bounds
 
 SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
 
@@ -78,17 +78,7 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
                     )  # fmt: skip
                 draw_bounds(axes, plans[1], index)
         panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)")
-    panels[0, 0].set_ylim(*_range(plans))
-
-
-def _range(plans: tuple[Plan, Plan]) -> tuple[float, float]:
-    """Lower and upper end of every panel; contraction, which is negative, upward."""
-    values = [plan.activations.ravel() for plan in plans] + [np.zeros(1)]
-    values += [bound[:, :-2].ravel() for plan in plans for bound in limits(plan)]
-    joined = np.concatenate(values)
-    low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
-    margin = 0.08 * (high - low or 1.0)
-    return high + margin, low - margin
+    panels[0, 0].set_ylim(*activation_range(plans))
 
 
 def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:

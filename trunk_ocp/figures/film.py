@@ -8,14 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
@@ -27,7 +24,15 @@ from ..scene.body import core_body, core_radius, muscle_body
 from ..scene.moments import Moment, end_of, moments_at, phase_at
 from ..scene.surroundings import head_sphere, logs, tip_mass
 from . import style
-from .muscles import ACTIVATION, DARKEST, MARGIN, SECTIONS, VIEWS, strongest
+from .muscles import (
+    DARKEST,
+    MARGIN,
+    SECTIONS,
+    VIEWS,
+    activation_color,
+    color_bar,
+    strongest,
+)
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
 from .shapes import WOOD, mass_surfaces
 
@@ -127,7 +132,7 @@ class Stage:
             axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
             if place == 0:
                 measure(axes, self.boxes[side])
-        _bar(self.figure, self.scale)
+        color_bar(self.figure, self.scale)
 
     def panel(self, axes: Axes, view: View, moment: Moment) -> None:
         """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
@@ -137,7 +142,9 @@ class Stage:
         trunk = self.plan.motion.trunk
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         surfaces = [
-            Surface(facets_of(body, SECTIONS), self._color(moment.activation[index]))
+            Surface(
+                facets_of(body, SECTIONS), activation_color(self.scale, moment.activation[index])
+            )
             for index, body in enumerate(bodies)
         ]
         cores = [
@@ -156,13 +163,3 @@ class Stage:
         ]
         surfaces = [Surface(facets, WOOD) for facets in cylinders]
         return surfaces + mass_surfaces(self.plan, self.mass, moment)
-
-    def _color(self, activation: float) -> tuple[float, float, float]:
-        red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
-        return (red, green, blue)
-
-
-def _bar(figure: Figure, scale: Normalize) -> None:
-    axes = figure.add_axes((0.3, 0.1, 0.4, 0.02))
-    mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
-    figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")

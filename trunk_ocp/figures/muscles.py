@@ -82,7 +82,7 @@ def muscles_figure(plan: Plan, moments: list[Moment], side: str) -> Figure:
                 _head_column(axes, trunk, group, int(width / LETTER_WIDTH))
             if column == 0 and row == len(moments) - 1:  # one bar for all
                 measure(axes, box)
-    _bar(figure, scale, height)
+    color_bar(figure, scale)
     return figure
 
 
@@ -100,10 +100,15 @@ def _surfaces(plan: Plan, moment: Moment, group: str, side: str, scale: Normaliz
     for index, muscle in enumerate(trunk.subdomains):
         if muscle.side == side and muscle.group == group:
             body = muscle_body(trunk, muscle, moment.shape, SECTIONS)
-            strength = float(scale(abs(moment.activation[index])))
-            red, green, blue, _ = matplotlib.colormaps[ACTIVATION](strength)
-            surfaces.append(Surface(facets_of(body, SECTIONS), (red, green, blue)))
+            color = activation_color(scale, moment.activation[index])
+            surfaces.append(Surface(facets_of(body, SECTIONS), color))
     return surfaces
+
+
+def activation_color(scale: Normalize, activation: float) -> tuple[float, float, float]:
+    """Color of a muscle with an activation."""
+    red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(scale(abs(activation))))
+    return (red, green, blue)
 
 
 def strongest(plan: Plan) -> float:
@@ -113,7 +118,9 @@ def strongest(plan: Plan) -> float:
     return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0
 
 
-def _bar(figure: Figure, scale: Normalize, height: float) -> None:
+def color_bar(figure: Figure, scale: Normalize) -> None:
+    """Draw the color bar of |activation| at the bottom of a figure."""
+    height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.3, 9.0 / height, 0.4, 2.2 / height))
     mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
     figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")

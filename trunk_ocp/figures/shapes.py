@@ -91,13 +91,13 @@ def row_of(plan: Plan, number: int) -> Row:
     """What a phase with planned steps shows."""
     steps = [i for i, s in enumerate(plan.motion.steps[: len(plan.x)]) if s.phase == number]
     trunks = moments_at(plan, times_of_phase(plan, number), number)
-    found = logs(plan)
-    log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in found]  # row 0 is rest
+    cylinders = logs(plan)
+    log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is rest
     tip = np.array([plan.motion.trunk.length])
     count = min(max(13, 3 * len(steps) + 1), MAX_TIPS)  # enough that the path looks smooth
     between = moments_at(plan, times_of_phase(plan, number, count), number)
     tips = np.array([moment.shape.position(tip)[0, 0] for moment in between]).reshape(-1, 3)
-    return Row(number, trunks, found, log_paths, tip_mass(plan), marks(plan, steps[-1]), tips)
+    return Row(number, trunks, cylinders, log_paths, tip_mass(plan), marks(plan, steps[-1]), tips)
 
 
 def merged(rows: list[Row]) -> list[Row]:

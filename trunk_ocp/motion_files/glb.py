@@ -28,7 +28,7 @@ VERTICES, INDICES = 34962, 34963
 TARGET_BYTES = 5_000_000  # for the shapes; the JSON that describes them adds up to 15 %
 SECTIONS = (4, 24)  # minimum and maximum cross-sections of a muscle
 
-# Columns are the model's axes (X forwards, Y right, Z down) in glTF's: +Z forwards, -X right,
+# Columns are the model's axes (X forward, Y right, Z down) in glTF's: +Z forward, -X right,
 # +Y up. As a quaternion x, y, z, w.
 UPRIGHT = (0.5, -0.5, 0.5, 0.5)
 

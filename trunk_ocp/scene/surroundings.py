@@ -95,15 +95,15 @@ def logs(plan: Plan) -> list[Log]:
     """
     motion = plan.motion
     wraps = [phase.wrap for phase in motion.spec.phases if phase.wrap is not None]
-    found = []
+    cylinders = []
     for radius in dict.fromkeys(wrap.log_radius for wrap in wraps):
         load = _load_of_log(motion.spec.phases, radius)
         length = load.length if load else LENGTH_OVER_RADIUS * radius
         # The couple -d W e_X of eq. (54) is that of a weight at a distance d toward -Y.
         middle = np.array([0.0, -load.offset if load else 0.0, 0.0])
         grips = _grips(motion, radius)[: len(plan.x) + 1]
-        found.append(Log(radius, length, grips + middle))
-    return found
+        cylinders.append(Log(radius, length, grips + middle))
+    return cylinders
 
 
 def _load_of_log(phases: tuple[PhaseSpec, ...], radius: float) -> LogSpec | None:
@@ -162,7 +162,7 @@ def _ahead_of_tip(shape: Shape, radius: float) -> np.ndarray:
 def marks(plan: Plan, number: int) -> list[Mark]:
     """Targets of a planned time step (from 0) that have a weight, and where the trunk is."""
     at = plan.verification.at
-    found = []
+    step_marks = []
     for target in plan.motion.steps[number].targets:
         directions = tuple(
             at(wanted.step, wanted.Z)[1][wanted.director]
@@ -172,7 +172,7 @@ def marks(plan: Plan, number: int) -> list[Mark]:
         )
         reached, _ = at(number, target.Z)
         if target.position is not None and target.position_weight > 0:
-            found.append(Mark(target.Z, np.asarray(target.position), reached, directions))
+            step_marks.append(Mark(target.Z, np.asarray(target.position), reached, directions))
         elif directions:
-            found.append(Mark(target.Z, reached, reached, directions, placed=False))
-    return found
+            step_marks.append(Mark(target.Z, reached, reached, directions, placed=False))
+    return step_marks
