@@ -141,11 +141,10 @@ class Stage:
             axes.add_patch(Circle(center, radius, color="#E4E4E4", linewidth=0, zorder=1))
         trunk = self.plan.motion.trunk
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
+        colors = [activation_color(self.scale, value) for value in moment.activation]
         surfaces = [
-            Surface(
-                facets_of(body, SECTIONS), activation_color(self.scale, moment.activation[index])
-            )
-            for index, body in enumerate(bodies)
+            Surface(facets_of(body, SECTIONS), color)
+            for body, color in zip(bodies, colors, strict=True)
         ]
         cores = [
             core_body(trunk, segment, moment.shape, SECTIONS)
