@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from PIL import Image
 
+import trunk_ocp as to
 from trunk_ocp.figures import style
 from trunk_ocp.figures.conventions import draw_conventions
 from trunk_ocp.figures.film import Stage
 from trunk_ocp.figures.muscles import ACTIVATION, VIEWS
 from trunk_ocp.figures.projection import frame
-from trunk_ocp.model.anatomy import load_anatomy
-from trunk_ocp.planning.plan import Plan
-from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.scene.moments import Moment, moments_at, phase_at
 
 FOLDER = Path(__file__).parent / "figures"
@@ -30,11 +27,11 @@ MOUTH = np.array([-0.2, 0.0, 0.16])  # m, the target of the last phase
 
 def main() -> None:
     """Write all pictures."""
-    draw_conventions(load_anatomy("asian-elephant"), FOLDER, ("png",))
-    write_fruit(plan_motion(load_motion("pick-fruit")), FOLDER / "pick-fruit.gif")
+    draw_conventions(to.load_anatomy("asian-elephant"), FOLDER, ("png",))
+    write_fruit(to.plan_motion(to.load_motion("pick-fruit")), FOLDER / "pick-fruit.gif")
 
 
-def write_fruit(plan: Plan, path: Path) -> None:
+def write_fruit(plan: to.Plan, path: Path) -> None:
     """A film of the fruit motion, short and small enough for the first page."""
     times = np.linspace(0.0, plan.motion.phases[-1].end, FRAMES)
     with style.styled():
@@ -56,15 +53,14 @@ def write_fruit(plan: Plan, path: Path) -> None:
 def _image(stage: Stage, moment: Moment) -> np.ndarray:
     """A frame, (height, width, 3)."""
     figure = style.new_figure(SIZE[1], SIZE[0])
-    canvas = FigureCanvasAgg(figure)
-    figure.set_dpi(DPI)
     axes = figure.add_axes((0.0, 0.0, 0.7, 1.0))
     view = VIEWS["R"]
     stage.panel(axes, view, moment)
     frame(axes, view, stage.boxes["R"])
     assert stage.head is not None
     head, radius = stage.head
-    axes.text(*(view.flat(head) - (0.4 * radius, 0.6 * radius)), "head", ha="center", fontsize=8)
+    x, y = (view.flat(head) - (0.4 * radius, 0.6 * radius)).tolist()
+    axes.text(x, y, "head", ha="center", fontsize=8)
     fruit = view.flat(stage.objects(moment)[0].facets.mean(axis=(0, 1)))
     axes.annotate("fruit\n8 kg", tuple(fruit), color="white", ha="center", va="center", fontsize=6,
                   zorder=5)  # fmt: skip
@@ -73,8 +69,9 @@ def _image(stage: Stage, moment: Moment) -> np.ndarray:
     axes.annotate("mouth", tuple(mouth), (-24, -20), textcoords="offset points", zorder=5,
                   ha="right", va="center", fontsize=8, arrowprops={"arrowstyle": "-"})  # fmt: skip
     _explain(figure, stage, moment)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=DPI)
+    return np.asarray(Image.open(file).convert("RGB"))
 
 
 def _explain(figure: Figure, stage: Stage, moment: Moment) -> None:
@@ -87,7 +84,7 @@ def _explain(figure: Figure, stage: Stage, moment: Moment) -> None:
     axes = figure.add_axes((0.7, 0.14, 0.22, 0.03))
     figure.colorbar(ScalarMappable(stage.scale, ACTIVATION), cax=axes, orientation="horizontal")
     axes.set_title("contraction of a muscle, $-\\gamma$", fontsize=7)
-    axes.set_xticks([0, stage.scale.vmax], ["relaxed", "strongest"])
+    axes.set_xticks([0.0, float(stage.scale.vmax or 1.0)], ["relaxed", "strongest"])
 
 
 if __name__ == "__main__":

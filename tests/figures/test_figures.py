@@ -1,4 +1,4 @@
-"""Figures: that they show what the plan says. Pixels are for eyes."""
+"""Figures show the values of the plan; how they look is for people to judge."""
 
 import subprocess
 import sys
@@ -162,7 +162,7 @@ def test_a_sequential_plan_keeps_the_bounds_that_are_drawn():
         assert np.all(plan.x <= upper + 1e-6)
 
 
-def test_a_muscle_at_its_bound_stands_out():
+def test_a_muscle_at_its_bound_is_marked():
     plan = planned("lift-log", "horizon")
     figure = curves_of(plan.motion.name)
     below, above = touching(plan)
@@ -186,7 +186,7 @@ def test_a_muscle_that_may_not_move_is_not_saturated():
     assert not above[0, index]
 
 
-def test_colors_come_from_the_one_code():
+def test_muscle_groups_have_the_same_color_everywhere():
     plan = planned("lift-log", "horizon")
     trunk = plan.motion.trunk
     assert colors.group_colors(trunk) == colors.GROUP_COLORS
@@ -246,7 +246,7 @@ def test_the_fruit_is_drawn_where_the_motion_says():
 
 @cache
 def carrying(position="[0.3, 0.0, 1.7]"):
-    """A plan of a trunk that hangs down, takes a mass with it and lets it go at once."""
+    """A plan of a trunk that hangs down, carries a mass and releases it."""
     third = "\n[[phases]]\nname = 'away'\nduration = 1.0\n[[phases.targets]]\nZ = 1.75\n"
     text = TOUCH.replace("[0.6, 0.1, 1.2]", position).replace('name = "touch"', 'name = "drop"')
     held = third.replace("away", "hold").replace("[[phases.t", "loads.tip_mass = 5.0\n[[phases.t")
@@ -255,7 +255,7 @@ def carrying(position="[0.3, 0.0, 1.7]"):
     return plan_motion(load_motion(written(folder, text + held + rest + third + rest)))
 
 
-def test_a_mass_that_is_the_lowest_thing_is_drawn_as_a_whole():
+def test_a_mass_below_everything_else_is_drawn_completely():
     plan = carrying()
     rows = rows_of(plan)
     with style.styled():

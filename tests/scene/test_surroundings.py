@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from plans import MOTIONS, planned, shipped, written
 
+import trunk_ocp as to
 from trunk_ocp.figures import film, shapes
-from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.mirror import mirrored_motion
-from trunk_ocp.problem.motion import load_motion
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.scene.moments import moments_at, phase_at
@@ -112,13 +111,13 @@ def in_figure(plan, phase):
 def wrapped(tmp_path_factory):
     """A plan that need not reach anything."""
     path = written(tmp_path_factory.mktemp("wrap"), WRAP)
-    return plan_motion(load_motion(path), lookahead=1, throw=False)
+    return to.plan_motion(to.load_motion(path), lookahead=1, throw=False)
 
 
 @pytest.fixture(scope="module")
 def mirrored():
     """The asymmetric lift to the other side."""
-    return plan_motion(mirrored_motion(shipped("lift-log-asymmetric")), lookahead=1)
+    return to.plan_motion(mirrored_motion(shipped("lift-log-asymmetric")), lookahead=1)
 
 
 def check_outputs(plan):

@@ -39,7 +39,7 @@ ARGS = [
 LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 LARGEST = 3_000_000  # bytes of a page
 
-# A trunk of two segments that no paper knows: its own group, on one side, up to the center.
+# A trunk of two segments with its own muscle group, on one side, that reaches the center.
 OTHER_TRUNK = soft_rod("other", ("[0.0, 0.5]", "[0.5, 1.0]"), radius="0.1")
 OTHER_MUSCLE = """
 muscles = [
@@ -82,7 +82,7 @@ def pages(folder):
 
 @pytest.fixture
 def visit(browser, request, tmp_path):
-    """Open a page, which does not start by itself; no fault and no request may come of it."""
+    """Open a page, which does not start by itself; it may cause no error and no request."""
     faults, tabs = [], []
 
     def console(message):
@@ -117,12 +117,12 @@ def visit(browser, request, tmp_path):
 
 
 def settled(tab):
-    """Wait until what was asked for is drawn."""
+    """Wait until the last change is drawn."""
     tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
 
 
 def until(tab, condition):
-    """Wait for a condition; the page's own policy forbids what playwright would do."""
+    """Wait for a condition; the page's security policy forbids playwright's own way."""
     tab.evaluate(
         f"""() => new Promise((done) => {{
           const look = () => ({condition} ? done() : requestAnimationFrame(look));
@@ -219,7 +219,7 @@ def test_colors_by_group_or_activation(visit, pages):
     assert ["vr", "#CC79A7"] in colors
 
 
-def test_a_clicked_muscle_stands_out_in_the_plots(visit, pages):
+def test_a_clicked_muscle_is_highlighted_in_the_plots(visit, pages):
     tab = visit(pages["both"])
     box = tab.locator("#canvas").bounding_box()
     at = tab.evaluate(
@@ -243,7 +243,7 @@ def test_a_clicked_muscle_stands_out_in_the_plots(visit, pages):
     assert tab.evaluate("trunkPage.look.selected") is None
 
 
-def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
+def test_a_clicked_curve_highlights_its_muscle(visit, pages):
     tab = visit(pages["both"])
     before = picture(tab)
     name = "R3-dr"
@@ -270,8 +270,8 @@ def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
 def test_a_plan_that_is_not_solved_says_so(visit, folder):
     solved = planned("lift-log", "sequential")
     failed = replace(solved, converged=False)
-    told = [(plan["solved"], plan["status"]) for plan in payload([solved, failed])["plans"]]
-    assert told == [(True, solved.status.value), (False, failed.status.value)]
+    outcomes = [(plan["solved"], plan["status"]) for plan in payload([solved, failed])["plans"]]
+    assert outcomes == [(True, solved.status.value), (False, failed.status.value)]
     tab = visit(write_page([solved, failed], folder / "failed" / "motion.html"))
     assert tab.locator("#labels .unsolved").all_inner_texts() == [
         f"NOT SOLVED: {failed.status.value}"
@@ -347,7 +347,7 @@ targets = [{ Z = 1.75, position = [0.6, 0.1, 1.2] }]
 """
 
 
-def test_a_mass_that_is_let_go_is_gone_and_the_later_side_says_so(visit, tmp_path):
+def test_a_released_mass_is_gone_and_the_later_side_says_so(visit, tmp_path):
     plan = plan_motion(load_motion(written(tmp_path, TOUCH + DROP)), lookahead=1)
     assert plan.jumps == (1.0, 1.5)
     tab = visit(write_page([plan], tmp_path / "drop.html"))
@@ -369,8 +369,8 @@ def test_no_label_of_a_chart_is_cut_off(visit, tmp_path):
     text = TOUCH.replace("[-3.0, 0.0]", "[-0.019, 0.0]").replace("[bounds]", FAR)
     plan = plan_motion(load_motion(written(tmp_path, text)), lookahead=1, throw=False)
     tab = visit(write_page([plan], tmp_path / "small.html"))
-    every = "[...document.querySelectorAll('#plots svg text')]"
-    labels = tab.evaluate(f"{every}.map((label) => [label.textContent, label.getBBox().x])")
+    elements = "[...document.querySelectorAll('#plots svg text')]"
+    labels = tab.evaluate(f"{elements}.map((label) => [label.textContent, label.getBBox().x])")
     assert any(len(label) >= 6 for label, _ in labels)  # such as -0.005
     assert all(x >= 0 for _, x in labels)
 
@@ -448,7 +448,7 @@ def test_keys(visit, pages):
     assert not tab.locator("#help").is_visible()
 
 
-def test_everything_that_can_be_used_has_a_name(visit, pages):
+def test_every_control_has_a_name(visit, pages):
     tab = visit(pages["both"])
     nameless = tab.evaluate(
         """[...document.querySelectorAll("button, input, select, canvas, svg")].filter((one) =>
