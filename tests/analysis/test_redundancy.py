@@ -453,7 +453,7 @@ def test_muscles_are_taken_away_in_other_processes_too(lean):
 def test_bands_are_the_ranges_and_lie_behind_the_plan(lean):
     _, plan = lean
     found = redundancy(plan)
-    artists = figure.picture(found).findobj()
+    artists = figure.redundancy_figure(found).findobj()
     bands = [a for a in artists if isinstance(a, PolyCollection) and a.get_gid() == "joint"]
     lines = [a for a in artists if a.get_gid() == "plan"]
     assert len(bands) == len(lines) == 4

@@ -273,7 +273,7 @@ def test_a_finished_run_is_converted_for_other_programs(tmp_path):
 
 
 def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
-    monkeypatch.setattr(film, "MOST", 4)  # frames, for speed
+    monkeypatch.setattr(film, "MAX_FRAMES", 4)  # frames, for speed
     out = tmp_path / "out"
     problem = written(tmp_path, TOUCH)
     arguments = [str(problem), "--out", str(out), "--mode", "both", "--film"]

@@ -379,7 +379,7 @@ def test_a_full_disk_is_named_and_leaves_the_old_file(plan, tmp_path, monkeypatc
         real(descriptor)
 
     monkeypatch.setattr(os, "fsync", fsync)
-    monkeypatch.setattr("trunk_ocp.figures.film.MOST", 2)
+    monkeypatch.setattr("trunk_ocp.figures.film.MAX_FRAMES", 2)
     with pytest.raises(InputError, match=rf"{name}: cannot be written \(No space left on device\)"):
         WRITERS[name](plan, tmp_path)
     assert (tmp_path / name).read_text() == "what was there before"
@@ -546,7 +546,7 @@ def test_pictures_need_the_font_that_matplotlib_brings_and_no_other(plan, tmp_pa
     )
     assert (ended.returncode, ended.stderr) == (0, "")
     assert (tmp_path / "errors.png").exists() == (left == "DejaVu")
-    assert ("install matplotlib again" in ended.stdout) == (left == "STIX")
+    assert ("reinstall matplotlib" in ended.stdout) == (left == "STIX")
 
 
 # --- places and terminals ------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Figures: that they show what the plan says. Pixels are for eyes."""
+"""Figures show the values of the plan; how they look is for people to judge."""
 
 import subprocess
 import sys
@@ -22,6 +22,7 @@ from trunk_ocp.figures import (
     activations,
     anatomy,
     comparison,
+    conventions,
     draw,
     draw_anatomy,
     draw_comparison,
@@ -31,16 +32,16 @@ from trunk_ocp.figures import (
     shapes,
     style,
 )
-from trunk_ocp.figures.scene import VIEWS, ball, cylinder
+from trunk_ocp.figures.projection import ABOVE, VIEWS, ball, cylinder
 from trunk_ocp.model.head import base_pose
 from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.rod.statics import solve_statics
-from trunk_ocp.scene import colors as colors
-from trunk_ocp.scene import moments as instants
-from trunk_ocp.scene.surroundings import head_sphere, log_at
+from trunk_ocp.scene import colors
+from trunk_ocp.scene.moments import curve_times, curves, moments_at, times_of_motion
+from trunk_ocp.scene.surroundings import head_sphere, logs, tip_mass
 
 
 def with_gid(figure, gid):
@@ -48,13 +49,14 @@ def with_gid(figure, gid):
 
 
 def rows_of(plan):
+    """A row for each phase, none merged."""
     return [shapes.row_of(plan, number) for number in range(len(plan.motion.phases))]
 
 
 @cache
 def curves_of(name):
     with style.styled():
-        return activations.picture(planned(name, "horizon"))
+        return activations.activations_figure(planned(name, "horizon"))
 
 
 def texts(figure):
@@ -117,7 +119,7 @@ def test_every_muscle_has_one_curve_through_its_activations(name):
         (line,) = with_gid(figure, muscle.name)
         at = np.searchsorted(line.get_xdata(), steps)
         np.testing.assert_array_equal(line.get_ydata()[at], plan.activations[:, index])
-        assert line.get_color() == colors.MUSCLES[muscle.group]
+        assert line.get_color() == colors.GROUP_COLORS[muscle.group]
         assert line.get_linestyle() == {"R": "-", "L": ":"}[muscle.side]
     for index in range(2):
         (line,) = with_gid(figure, f"head {index}")
@@ -128,11 +130,11 @@ def test_every_muscle_has_one_curve_through_its_activations(name):
 def test_curves_between_steps_follow_the_interpolation():
     plan = planned("pick-fruit", "horizon")
     times = np.array([0.75, 1.51])  # halfway on a cosine; after step 1, which holds
-    np.testing.assert_allclose(instants.curves(plan, times)[0], plan.x[0] / 2, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(instants.curves(plan, times)[1], plan.x[0])
-    jump = instants.curve_times(plan)
-    before = jump[np.searchsorted(jump, plan.motion.times[1]) - 1]
-    np.testing.assert_array_equal(instants.curves(plan, np.array([before]))[0], plan.x[0])
+    np.testing.assert_allclose(curves(plan, times)[0], plan.x[0] / 2, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(curves(plan, times)[1], plan.x[0])
+    times = curve_times(plan)
+    before = times[np.searchsorted(times, plan.motion.times[1]) - 1]
+    np.testing.assert_array_equal(curves(plan, np.array([before]))[0], plan.x[0])
 
 
 def test_bounds_drawn_are_those_of_the_motion():
@@ -160,7 +162,7 @@ def test_a_sequential_plan_keeps_the_bounds_that_are_drawn():
         assert np.all(plan.x <= upper + 1e-6)
 
 
-def test_a_muscle_at_its_bound_stands_out():
+def test_a_muscle_at_its_bound_is_marked():
     plan = planned("lift-log", "horizon")
     figure = curves_of(plan.motion.name)
     below, above = touching(plan)
@@ -184,15 +186,15 @@ def test_a_muscle_that_may_not_move_is_not_saturated():
     assert not above[0, index]
 
 
-def test_colors_come_from_the_one_code():
+def test_muscle_groups_have_the_same_color_everywhere():
     plan = planned("lift-log", "horizon")
     trunk = plan.motion.trunk
-    assert colors.group_colors(trunk) == colors.MUSCLES
+    assert colors.group_colors(trunk) == colors.GROUP_COLORS
     with style.styled():
-        section = anatomy.sections_picture(trunk)
-        both = comparison.picture(planned("lift-log", "sequential"), plan)
+        section = anatomy.sections_figure(trunk)
+        both = comparison.comparison_figure(planned("lift-log", "sequential"), plan)
     for muscle in trunk.subdomains:
-        color = colors.MUSCLES[muscle.group].lower()
+        color = colors.GROUP_COLORS[muscle.group].lower()
         (patch,) = with_gid(section, muscle.name)
         assert to_hex(patch.get_facecolor()) == color
         (line,) = with_gid(both, f"horizon {muscle.name}")
@@ -204,11 +206,11 @@ def test_every_label_of_an_axis_has_a_unit():
     plan = planned("lift-log", "horizon")
     with style.styled():
         pictures = [
-            shapes.picture(plan, rows_of(plan)),
+            shapes.shapes_figure(plan, rows_of(plan)),
             curves_of("lift-log"),
-            errors.picture(plan),
-            comparison.picture(planned("lift-log", "sequential"), plan),
-            anatomy.sections_picture(plan.motion.trunk),
+            errors.errors_figure(plan),
+            comparison.comparison_figure(planned("lift-log", "sequential"), plan),
+            anatomy.sections_figure(plan.motion.trunk),
         ]
     units = ("(m)", "(cm)", "(mm)", "(s)", "(°)", "(no unit)", "(count)")
     for figure in pictures:
@@ -219,40 +221,17 @@ def test_every_label_of_an_axis_has_a_unit():
             assert label.endswith(units), label
 
 
-@pytest.mark.parametrize("name", ["lift-log", "lift-log-asymmetric"])
-def test_the_log_is_where_the_motion_says(name):
-    motion = planned(name, "horizon").motion
-    spec = motion.spec.phases[0].wrap
-    passive = solve_statics(motion.trunk, np.zeros(28))
-    passive_tip = passive.position(np.array([1.75]))[0]
-    for step, center in ((0, spec.center), (9, motion.spec.phases[2].wrap.path[-1])):
-        log = log_at(motion, step)
-        load = motion.spec.phases[2].loads.log
-        expected = passive_tip + center - np.array([0, load.offset, 0])
-        np.testing.assert_allclose(log.center, expected, rtol=0, atol=1e-4)
-        assert (log.radius, log.length) == (spec.log_radius, load.length)
-
-
-def test_an_offset_log_weighs_on_the_side_it_is_drawn():
-    """Its weight, at its middle, makes the couple of eq. (54) about the grip."""
-    motion = planned("lift-log-asymmetric", "horizon").motion
-    grip, log = log_at(planned("lift-log", "horizon").motion, 5), log_at(motion, 5)
-    loads = motion.steps[5].loads
-    couple = np.cross(log.center - grip.center, loads.contact_force)
-    np.testing.assert_allclose(couple, loads.contact_couple, rtol=0, atol=1e-9)
-
-
 def test_log_path_head_and_targets_are_drawn():
     plan = planned("lift-log", "horizon")
     rows = rows_of(plan)
     with style.styled():
-        figure = shapes.picture(plan, rows)
+        figure = shapes.shapes_figure(plan, rows)
     assert len(with_gid(figure, "target")) == 3 * 3 * 6  # phases, views, points of the wrap
     assert len(with_gid(figure, "head")) == 9
-    assert len(with_gid(figure, "log path")) == 6  # none while there is one step
-    side = with_gid(figure, "log path")[-3].get_xydata()
-    path = [log_at(plan.motion, step).center[[0, 2]] for step in range(1, 10)]
-    np.testing.assert_allclose(side, path, rtol=0, atol=1e-12)
+    assert len(with_gid(figure, "log path")) == 3  # only in the phase in which it moves
+    side = with_gid(figure, "log path")[0].get_xydata()
+    (log,) = logs(plan)
+    np.testing.assert_allclose(side, log.centers[2:, [0, 2]], rtol=0, atol=1e-12)
 
 
 def test_the_fruit_is_drawn_where_the_motion_says():
@@ -260,19 +239,14 @@ def test_the_fruit_is_drawn_where_the_motion_says():
     rows = rows_of(plan)
     np.testing.assert_array_equal(rows[0].marks[0].target, (0.7, 0.3, -0.2))  # the fruit
     np.testing.assert_array_equal(rows[2].marks[0].target, (-0.2, 0.0, 0.16))  # the mouth
-    assert [any(s.color == colors.MASS for s in shapes.layer(plan, row, 0)) for row in rows] == [
-        False,
-        False,
-        True,
-    ]
     with style.styled():
-        figure = shapes.picture(plan, rows)
+        figure = shapes.shapes_figure(plan, rows)
     assert any("8 kg at the tip" in text for text in texts(figure))
 
 
 @cache
 def carrying(position="[0.3, 0.0, 1.7]"):
-    """A plan of a trunk that hangs down, takes a mass with it and lets it go at once."""
+    """A plan of a trunk that hangs down, carries a mass and releases it."""
     third = "\n[[phases]]\nname = 'away'\nduration = 1.0\n[[phases.targets]]\nZ = 1.75\n"
     text = TOUCH.replace("[0.6, 0.1, 1.2]", position).replace('name = "touch"', 'name = "drop"')
     held = third.replace("away", "hold").replace("[[phases.t", "loads.tip_mass = 5.0\n[[phases.t")
@@ -281,18 +255,18 @@ def carrying(position="[0.3, 0.0, 1.7]"):
     return plan_motion(load_motion(written(folder, text + held + rest + third + rest)))
 
 
-def test_a_mass_that_is_the_lowest_thing_is_drawn_as_a_whole():
+def test_a_mass_below_everything_else_is_drawn_completely():
     plan = carrying()
     rows = rows_of(plan)
     with style.styled():
-        figure = shapes.picture(plan, rows)
+        figure = shapes.shapes_figure(plan, rows)
     seen = 0
     for number, row in enumerate(rows):
         for place, view in enumerate(VIEWS):
             axes = figure.axes[3 * number + place]
             (low, high), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
             for trunk in row.trunks:
-                for surface in shapes.cargo(plan, number, trunk):
+                for surface in shapes.mass_surfaces(plan, row.mass, trunk):
                     flat = view.flat(surface.facets.reshape(-1, 3))
                     assert low <= flat[:, 0].min()
                     assert flat[:, 0].max() <= high
@@ -300,11 +274,11 @@ def test_a_mass_that_is_the_lowest_thing_is_drawn_as_a_whole():
                     assert flat[:, 1].max() <= top
                     seen += 1
     assert seen
-    moments = instants.instants(plan, film.frame_times(plan))
+    moments = moments_at(plan, film.frame_times(plan))
     with style.styled():
         stage = film.Stage(plan, moments)
     for moment in moments:
-        for surface in shapes.cargo(plan, stage._phase(moment), moment):
+        for surface in shapes.mass_surfaces(plan, tip_mass(plan), moment):
             for side, view in muscles.VIEWS.items():
                 flat, box = view.flat(surface.facets.reshape(-1, 3)), stage.boxes[side]
                 assert np.all(flat >= box.min)
@@ -325,7 +299,7 @@ def test_the_head_is_the_sphere_on_which_the_base_moves(trunk):
 def test_space_is_drawn_with_equal_scales_and_down_is_down():
     plan = planned("lift-log-asymmetric", "horizon")
     with style.styled():
-        figure = shapes.picture(plan, rows_of(plan))
+        figure = shapes.shapes_figure(plan, rows_of(plan))
     assert len(figure.axes) == 9
     width, height = figure.get_size_inches()
     scales = set()
@@ -341,7 +315,7 @@ def test_space_is_drawn_with_equal_scales_and_down_is_down():
 
 
 def test_views_are_right_handed_and_bodies_closed():
-    for view in VIEWS:
+    for view in (*VIEWS, ABOVE):
         right = -view.across if view.mirrored else view.across
         np.testing.assert_allclose(np.cross(right, -view.down), view.out, rtol=0, atol=1e-12)
     for facets in (cylinder(np.ones(3), 0.1, 0.5), ball(np.ones(3), 0.2)):
@@ -352,11 +326,11 @@ def test_views_are_right_handed_and_bodies_closed():
 
 def test_muscles_are_colored_by_the_strength_of_their_activation():
     plan = planned("lift-log", "horizon")
-    moments = instants.instants(plan, instants.through(plan))
+    moments = moments_at(plan, times_of_motion(plan))
     assert len(moments) == 5
     np.testing.assert_array_equal(moments[-1].activation, plan.activations[-1])
     with style.styled():
-        figure = muscles.picture(plan, moments, "R")
+        figure = muscles.muscles_figure(plan, moments, "R")
     bodies = figure.findobj(PolyCollection)
     groups = len(colors.groups(plan.motion.trunk))
     assert len([b for b in bodies if len(b.get_paths()) > 50]) >= 5 * groups
@@ -366,7 +340,7 @@ def test_muscles_are_colored_by_the_strength_of_their_activation():
 def test_errors_drawn_are_the_plans_in_mm():
     plan = planned("lift-log", "horizon")
     with style.styled():
-        figure = errors.picture(plan)
+        figure = errors.errors_figure(plan)
     (worst, direction) = with_gid(figure, "worst")
     np.testing.assert_allclose(
         worst.get_ydata(), [1e3 * e.position.max() for e in plan.errors], rtol=1e-12
@@ -381,7 +355,7 @@ def test_errors_drawn_are_the_plans_in_mm():
 def test_a_comparison_shows_cost_change_and_bounds_of_both():
     plans = planned("lift-log", "sequential"), planned("lift-log", "horizon")
     with style.styled():
-        figure = comparison.picture(*plans)
+        figure = comparison.comparison_figure(*plans)
     for plan in plans:
         cost, change, at_bound = with_gid(figure, plan.mode)
         np.testing.assert_allclose(cost.get_ydata(), [e.paper for e in plan.errors])
@@ -403,6 +377,33 @@ def test_another_trunk_has_colors_of_its_own_and_no_head(tmp_path):
     assert head_sphere(plan.motion.trunk) is None
     assert "muscles-left" in drawn(plan, tmp_path)
     assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 2
+
+
+def test_the_conventions_say_what_the_model_does(trunk):
+    """Signs that the figure states in words; and one panel for each muscle view."""
+    tip = np.array([trunk.length])
+
+    def moved(activation, head):
+        return (solve_statics(trunk, activation, head).position(tip) - rest)[0]
+
+    relaxed, contracted = np.zeros(28), np.zeros(28)
+    contracted[0] = conventions.CONTRACTION
+    rest = solve_statics(trunk, relaxed).position(tip)
+    assert moved(relaxed, (0.0, conventions.HEAD_ANGLE))[2] < -0.1  # the head turns up
+    assert moved(relaxed, (conventions.HEAD_ANGLE, 0.0))[1] > 0.1  # the head turns right
+    assert moved(contracted, (0.0, 0.0))[1] > 0.1  # bends right,
+    assert moved(contracted, (0.0, 0.0))[2] < -0.1  # and up
+    with style.styled():
+        figure = conventions.conventions_figure(trunk)
+    shown = " ".join(texts(figure))
+    for words in ("X, forward", "Z, down", "head turns up", "Muscle R1-dl contracts", "segment 3"):
+        assert words in shown
+
+
+def test_conventions_of_a_trunk_without_head_or_muscles(tmp_path):
+    motion = arm(tmp_path, "position = [0.0, 0.0, 1.0]", ROD[: ROD.index("muscles")])
+    (file,) = conventions.draw_conventions(motion.trunk, tmp_path, ("png",))
+    assert 0.01 <= np.mean(imread(file)[..., :3].min(axis=-1) < 0.95) <= 0.9
 
 
 def test_names_are_not_taken_for_formulae(tmp_path):
@@ -432,7 +433,7 @@ def test_wanted_directions_are_drawn_where_the_point_is(tmp_path):
     np.testing.assert_array_equal(mark.target, plan.verification.trajectory.position[0, -1])
     np.testing.assert_allclose(mark.directions[0], np.divide([0.95, 0, -0.3], np.hypot(0.95, 0.3)))
     with style.styled():
-        figure = shapes.picture(plan, [row])
+        figure = shapes.shapes_figure(plan, [row])
     assert len(with_gid(figure, "direction")) == 2 * len(VIEWS)
     assert not with_gid(figure, "target")
 
@@ -448,12 +449,12 @@ def phases_of(folder, count, name="p"):
 @pytest.mark.parametrize("count", [1, 5, 6, 23])
 def test_any_number_of_phases_fits_on_a_page(tmp_path, count):
     plan = phases_of(tmp_path, count)
-    rows = shapes.joined(rows_of(plan))
+    rows = shapes.rows_of(plan)
     with style.styled():
-        figure = shapes.picture(plan, rows)
-    assert len(rows) == min(count, shapes.MOST_ROWS)
+        figure = shapes.shapes_figure(plan, rows)
+    assert len(rows) == min(count, shapes.MAX_ROWS)
     assert len(with_gid(figure, "target")) == count * len(VIEWS)  # none is left out
-    assert figure.get_figheight() / style.MM <= shapes.TALLEST + shapes.HEADER + 1e-6
+    assert figure.get_figheight() / style.MM <= shapes.MAX_HEIGHT + shapes.HEADER + 1e-6
     drawn = [axes.get_position() for axes in figure.axes]
     # A trunk of 1 m is to be seen: two centimeters at least.
     assert min(box.height for box in drawn) * figure.get_figheight() / style.MM >= 20
@@ -470,7 +471,7 @@ def test_the_smallest_and_the_largest_trunk_are_drawn_alike(tmp_path):
         motion = load_motion(written(tmp_path, REACH.replace("Z = 1.0", target)))
         plan = plan_motion(motion, throw=False)
         with style.styled():
-            figure = shapes.picture(plan, rows_of(plan))
+            figure = shapes.shapes_figure(plan, rows_of(plan))
         sizes.append([*figure.get_size_inches(), *figure.axes[0].get_position().bounds])
         (bar,) = with_gid(figure, "measure")
         assert 0.05 * scale <= float(bar.get_text().split()[0]) <= scale
@@ -483,7 +484,7 @@ def test_long_names_stay_within_the_picture(tmp_path):
     plan = replace(plan, motion=replace(plan.motion, spec=plan.motion.spec.model_copy(
         update={"title": "long " * 39})))  # fmt: skip
     with style.styled():
-        figure = activations.picture(plan)
+        figure = activations.activations_figure(plan)
         FigureCanvasAgg(figure).draw()
     page = figure.bbox
     for artist in (*figure.legends, figure._suptitle):
@@ -496,14 +497,14 @@ def test_long_names_stay_within_the_picture(tmp_path):
 def test_a_picture_of_very_many_rows_is_written(tmp_path):
     with style.styled():
         (path,) = style.save(style.new_figure(9000.0, 20.0), tmp_path, "tall", ("png",))
-    assert imread(path).shape[0] <= style.MOST_PIXELS
+    assert imread(path).shape[0] <= style.MAX_PIXELS
 
 
 def test_a_plan_cut_short_or_empty_is_drawn(tmp_path):
     plan = plan_motion(load_motion(written(tmp_path, POINT)))
     assert "activations" in drawn(empty(plan), tmp_path)
     with style.styled():
-        figure = activations.picture(cut(plan, 3))
+        figure = activations.activations_figure(cut(plan, 3))
     (line,) = with_gid(figure, "R1-dl")
     assert line.get_xdata()[-1] == plan.motion.times[2]
 
@@ -522,11 +523,11 @@ def titles(plan):
     solved = planned("lift-log", "sequential")
     with style.styled():
         figures = (
-            activations.picture(plan),
-            errors.picture(plan),
-            shapes.picture(plan, rows_of(plan)),
-            muscles.picture(plan, instants.instants(plan, np.array([0.5])), "R"),
-            comparison.picture(solved, plan),
+            activations.activations_figure(plan),
+            errors.errors_figure(plan),
+            shapes.shapes_figure(plan, rows_of(plan)),
+            muscles.muscles_figure(plan, moments_at(plan, np.array([0.5])), "R"),
+            comparison.comparison_figure(solved, plan),
         )
     return [figure.get_suptitle() for figure in figures]
 
@@ -542,10 +543,10 @@ def test_every_figure_of_a_plan_that_is_not_solved_says_so():
     assert "NOT SOLVED: interrupted" in titles(replace(solved, interrupted=True))[0]
 
 
-def test_shapes_that_cannot_be_had_are_left_out():
+def test_moments_without_an_equilibrium_are_left_out():
     plan = plan_motion(first_steps("lift-log", 2), lookahead=1)
     lost = replace(plan, x=np.full_like(plan.x, np.nan))
-    assert [instant.time for instant in instants.instants(lost, np.array([0.5]))] == []
+    assert moments_at(lost, np.array([0.5])) == []
 
 
 def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
@@ -558,7 +559,7 @@ def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
     text = ROD[: ROD.index("muscles")] + f"muscles = [\n{groups}]\n"
     plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", text), throw=False)
     with style.styled():
-        figure = muscles.picture(plan, instants.instants(plan, np.array([1.0])), "R")
+        figure = muscles.muscles_figure(plan, moments_at(plan, np.array([1.0])), "R")
         FigureCanvasAgg(figure).draw()
         drawn = [axes.title.get_window_extent() for axes in figure.axes if axes.get_title()]
     assert len(drawn) == 14

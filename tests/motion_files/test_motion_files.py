@@ -158,7 +158,7 @@ def files(tmp_path_factory):
             scene=trimesh.load_scene(path, process=False),
             gltf=pygltflib.GLTF2().load(path),
             plan=plan_of(name),
-            frames=keyframes.with_between(plan_of(name)),
+            frames=keyframes.for_blending(plan_of(name)),
         )
 
     return read
@@ -222,7 +222,7 @@ def test_colors_are_those_of_okabe_and_ito_in_linear_light(files):
         linear = np.array(material.pbrMetallicRoughness.baseColorFactor)[:3]
         shown = np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
         red, green, blue = np.round(255 * shown).astype(int)
-        assert f"#{red:02X}{green:02X}{blue:02X}" == colors.MUSCLES[node.extras["group"]]
+        assert f"#{red:02X}{green:02X}{blue:02X}" == colors.GROUP_COLORS[node.extras["group"]]
 
 
 def test_the_trunk_hangs_along_minus_Y_and_points_forwards_along_plus_Z(files):
@@ -321,7 +321,7 @@ def test_without_an_equilibrium_in_between_the_key_frames_are_the_steps(monkeypa
         return rest
 
     monkeypatch.setattr(type(plan), "sample", sample)
-    np.testing.assert_array_equal(keyframes.with_between(plan).times, [0.0, *plan.motion.times])
+    np.testing.assert_array_equal(keyframes.for_blending(plan).times, [0.0, *plan.motion.times])
 
 
 def test_a_phase_that_holds_jumps_within_a_millisecond(files):
@@ -335,7 +335,7 @@ def test_a_phase_that_holds_jumps_within_a_millisecond(files):
     assert len(held) == 20
     for time in np.array(held, dtype="f4"):
         at = int(np.flatnonzero(times == time)[0])
-        assert times[at] - times[at - 1] == pytest.approx(glb.HOLD, rel=0.01)
+        assert times[at] - times[at - 1] == pytest.approx(glb.JUMP_DURATION, rel=0.01)
         np.testing.assert_array_equal(weights[at - 1], weights[at - 2])
 
 
@@ -347,9 +347,9 @@ def test_unknown_groups_get_colors_of_their_own(trunk):
     groups = [f"group{i}" for i in range(9)]
     muscles = tuple(replace(trunk.subdomains[0], group=group) for group in [*groups, "dl"])
     found = colors.group_colors(replace(trunk, subdomains=muscles))
-    assert found.get("dl", colors.MUSCLES["dl"]) == colors.MUSCLES["dl"]
-    assert len({found[group] for group in groups}) == len(colors.OTHERS)
-    assert not set(colors.OTHERS) & set(colors.MUSCLES.values())
+    assert found.get("dl", colors.GROUP_COLORS["dl"]) == colors.GROUP_COLORS["dl"]
+    assert len({found[group] for group in groups}) == len(colors.EXTRA_COLORS)
+    assert not set(colors.EXTRA_COLORS) & set(colors.GROUP_COLORS.values())
 
 
 # VTK
@@ -392,7 +392,7 @@ def test_vtk_has_a_file_for_each_step_with_every_muscles_cells(tmp_path, name):
     plan = plan_of(name)
     trunk = plan.motion.trunk
     times, paths = collection(write_vtk(plan, tmp_path / "a" / "b")[0])
-    after = [jump + keyframes.HOLD for jump in plan.jumps]
+    after = [jump + keyframes.JUMP_DURATION for jump in plan.jumps]
     assert times == sorted([0.0, *plan.motion.times.tolist(), *after])
     side = {"R": 1, "L": -1}
     for step in (0, len(plan.x) - 1):

@@ -11,7 +11,7 @@ from plans import POINT, TOUCH, written
 
 from trunk_ocp.cli import commands
 from trunk_ocp.motion_files import opensim
-from trunk_ocp.motion_files.opensim import MOST, sto_times
+from trunk_ocp.motion_files.opensim import MAX_ROWS, sto_times
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import as_text, load_plan, save_plan
@@ -298,7 +298,7 @@ def test_what_is_wrong_with_a_file_reaches_the_terminal_as_text(here):
 def test_a_motion_of_any_length_has_a_bounded_number_of_rows(end):
     steps = end * (1 + np.arange(7)) / 7
     times = sto_times(steps)
-    assert len(times) <= MOST + 8
+    assert len(times) <= MAX_ROWS + 8
     assert (times[0], times[-1]) == (0.0, end)
     assert np.isin(steps, times).all()
     assert np.all(np.diff(times) > 0)

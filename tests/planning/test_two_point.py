@@ -25,7 +25,7 @@ from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.linear_bvp import solve_linear_bvp
 from trunk_ocp.rod.rod_batch import shape_of_states
 from trunk_ocp.rod.statics import solve_statics
-from trunk_ocp.scene.keyframes import with_between
+from trunk_ocp.scene.keyframes import for_blending
 from trust.equilibria import judge_plans, judge_shapes
 from trust.judge import Judge
 
@@ -360,7 +360,7 @@ def test_samples_are_resolved_where_the_mesh_of_the_plan_is_too_coarse():
     np.testing.assert_allclose(coarse.position([0.5])[0], edges[-1], atol=2e-4)
     Z = plan.mesh.points.ravel()
     np.testing.assert_allclose(coarse.state(Z), sample.shape.state(Z), atol=1e-12)
-    moments = with_between(plan)
+    moments = for_blending(plan)
     assert moments.shape.mesh == plan.mesh
     assert len(moments.times) == len(moments.shape.states) >= 2
 

@@ -17,7 +17,7 @@ from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.interpolation import jumps, loads_at
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import keyframes
-from trunk_ocp.scene import moments as instants
+from trunk_ocp.scene.moments import moments_at, times_of_motion
 from trunk_ocp.viewer.payload import payload
 from trust import between
 
@@ -295,14 +295,12 @@ def test_pictures_of_a_phase_begin_after_the_jump_and_end_before_it():
     np.testing.assert_allclose(eat.shape.position(TIP)[0, 0], after, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows[2].tips[0], after, rtol=0, atol=1e-6)
     assert not any(instant.after for row in rows[:2] for instant in row.trunks)
-    assert any(s.color == shapes.MASS for s in shapes.layer(plan, rows[2], 0))
-    assert not any(s.color == shapes.MASS for s in shapes.layer(plan, rows[1], 3))
 
 
 def test_film_and_muscles_show_both_sides():
     plan = fruit()
-    for times in (film.frame_times(plan), instants.through(plan)):
-        moments = instants.instants(plan, times[np.abs(times - PICKED) < 0.1])
+    for times in (film.frame_times(plan), times_of_motion(plan)):
+        moments = moments_at(plan, times[np.abs(times - PICKED) < 0.1])
         at = [moment for moment in moments if moment.time == PICKED]
         assert [moment.after for moment in at] == [False, True]
     times = film.frame_times(plan)
@@ -311,20 +309,20 @@ def test_film_and_muscles_show_both_sides():
 
 
 @pytest.mark.parametrize("after", [False, True])
-def test_the_film_hangs_the_fruit_on_the_tip_from_the_jump_on(monkeypatch, after):
+def test_the_film_shows_the_fruit_before_and_after_the_jump(monkeypatch, after):
     plan, held = fruit(), []
     monkeypatch.setattr(film, "paint", lambda axes, view, surfaces, **_: held.append(surfaces))
-    moments = instants.instants(plan, np.array([PICKED]))
+    moments = moments_at(plan, np.array([PICKED]))
     film.Stage(plan, moments).show(moments[after])
-    assert [any(s.color == shapes.MASS for s in drawn) for drawn in held] == [after, after]
+    assert [any(s.color == shapes.MASS for s in drawn) for drawn in held] == [True, True]
 
 
 def test_key_frames_have_both_sides_of_a_jump_a_millisecond_apart():
     plan = fruit()
-    frames = keyframes.with_between(plan)
+    frames = keyframes.for_blending(plan)
     at = int(np.searchsorted(frames.times, PICKED))
     assert frames.times[at] == PICKED
-    assert frames.times[at + 1] == pytest.approx(PICKED + keyframes.HOLD, abs=1e-12)
+    assert frames.times[at + 1] == pytest.approx(PICKED + keyframes.JUMP_DURATION, abs=1e-12)
     tips = frames.shape.position(TIP)[at : at + 2, 0]
     np.testing.assert_allclose(tips, tips_at_the_jump(), rtol=0, atol=1e-6)
     keys, weights = weight_keys(frames)
@@ -338,7 +336,7 @@ def test_vtk_has_a_file_for_either_side_of_a_jump(tmp_path):
     for path in write_vtk(plan, tmp_path):
         sets = ElementTree.parse(path).getroot().findall("Collection/DataSet")
         times = [float(entry.get("timestep")) for entry in sets]
-        expected = sorted([0.0, *plan.motion.times, PICKED + keyframes.HOLD])
+        expected = sorted([0.0, *plan.motion.times, PICKED + keyframes.JUMP_DURATION])
         np.testing.assert_allclose(times, expected, rtol=0, atol=1e-12)
         files = [tmp_path / entry.get("file") for entry in sets]
         assert len(set(files)) == len({file.read_bytes() for file in files}) == 24
@@ -353,7 +351,7 @@ def test_a_jump_at_the_start_is_shown(tmp_path):
     np.testing.assert_allclose(frames.times, times, rtol=0, atol=1e-12)
     (mass,) = payload([plan])["plans"][0]["objects"]
     assert mass["mass"] == 3.0
-    moments = instants.instants(plan, np.array([0.0, 1.0]))
+    moments = moments_at(plan, np.array([0.0, 1.0]))
     assert [(m.time, m.after) for m in moments] == [(0, False), (0, True), (1, False), (1, True)]
 
 

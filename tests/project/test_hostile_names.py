@@ -278,7 +278,7 @@ def test_a_title_is_no_formula_to_a_figure(tmp_path, key):
     (tmp_path / "touch.toml").write_text(spec, encoding="utf-8")
     figure, motion = Figure(), to.load_motion(tmp_path / "touch.toml")
     style.headline(figure, style.title(motion))
-    legend = figure.legend(handles=style.phase_keys(motion))
+    legend = figure.legend(handles=style.phase_patches(motion))
     assert len(legend.get_texts()) == 1
     figure.savefig(tmp_path / "title.svg")
     assert (tmp_path / "title.svg").stat().st_size > 1000

@@ -23,7 +23,7 @@ from trunk_ocp.scene.body import muscle_body
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.viewer import write_page
 from trunk_ocp.viewer.bundle import embedded
-from trunk_ocp.viewer.payload import MOST, instants, payload
+from trunk_ocp.viewer.payload import MAX_SAMPLES, payload, sample_times
 
 ARGS = [
     "--headless",
@@ -39,7 +39,7 @@ ARGS = [
 LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 LARGEST = 3_000_000  # bytes of a page
 
-# A trunk of two segments that no paper knows: its own group, on one side, up to the center.
+# A trunk of two segments with its own muscle group, on one side, that reaches the center.
 OTHER_TRUNK = soft_rod("other", ("[0.0, 0.5]", "[0.5, 1.0]"), radius="0.1")
 OTHER_MUSCLE = """
 muscles = [
@@ -77,7 +77,7 @@ def pages(folder):
 
 @pytest.fixture
 def visit(browser, request, tmp_path):
-    """Open a page, which does not start by itself; no fault and no request may come of it."""
+    """Open a page, which does not start by itself; it may cause no error and no request."""
     faults, tabs = [], []
 
     def console(message):
@@ -112,12 +112,12 @@ def visit(browser, request, tmp_path):
 
 
 def settled(tab):
-    """Wait until what was asked for is drawn."""
+    """Wait until the last change is drawn."""
     tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
 
 
 def until(tab, condition):
-    """Wait for a condition; the page's own policy forbids what playwright would do."""
+    """Wait for a condition; the page's security policy forbids playwright's own way."""
     tab.evaluate(
         f"""() => new Promise((done) => {{
           const look = () => ({condition} ? done() : requestAnimationFrame(look));
@@ -214,7 +214,7 @@ def test_colors_by_group_or_activation(visit, pages):
     assert ["vr", "#CC79A7"] in colors
 
 
-def test_a_clicked_muscle_stands_out_in_the_plots(visit, pages):
+def test_a_clicked_muscle_is_highlighted_in_the_plots(visit, pages):
     tab = visit(pages["both"])
     box = tab.locator("#canvas").bounding_box()
     at = tab.evaluate(
@@ -238,7 +238,7 @@ def test_a_clicked_muscle_stands_out_in_the_plots(visit, pages):
     assert tab.evaluate("trunkPage.look.selected") is None
 
 
-def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
+def test_a_clicked_curve_highlights_its_muscle(visit, pages):
     tab = visit(pages["both"])
     before = picture(tab)
     name = "R3-dr"
@@ -265,8 +265,8 @@ def test_a_clicked_curve_makes_its_muscle_stand_out(visit, pages):
 def test_a_plan_that_is_not_solved_says_so(visit, folder):
     solved = planned("lift-log", "sequential")
     failed = replace(solved, converged=False)
-    told = [(plan["solved"], plan["status"]) for plan in payload([solved, failed])["plans"]]
-    assert told == [(True, solved.status.value), (False, failed.status.value)]
+    outcomes = [(plan["solved"], plan["status"]) for plan in payload([solved, failed])["plans"]]
+    assert outcomes == [(True, solved.status.value), (False, failed.status.value)]
     tab = visit(write_page([solved, failed], folder / "failed" / "motion.html"))
     assert tab.locator("#labels .unsolved").all_inner_texts() == [
         f"NOT SOLVED: {failed.status.value}"
@@ -342,7 +342,7 @@ targets = [{ Z = 1.75, position = [0.6, 0.1, 1.2] }]
 """
 
 
-def test_a_mass_that_is_let_go_is_gone_and_the_later_side_says_so(visit, tmp_path):
+def test_a_released_mass_is_gone_and_the_later_side_says_so(visit, tmp_path):
     plan = plan_motion(load_motion(written(tmp_path, TOUCH + DROP)), lookahead=1)
     assert plan.jumps == (1.0, 1.5)
     tab = visit(write_page([plan], tmp_path / "drop.html"))
@@ -364,8 +364,8 @@ def test_no_label_of_a_chart_is_cut_off(visit, tmp_path):
     text = TOUCH.replace("[-3.0, 0.0]", "[-0.019, 0.0]").replace("[bounds]", FAR)
     plan = plan_motion(load_motion(written(tmp_path, text)), lookahead=1, throw=False)
     tab = visit(write_page([plan], tmp_path / "small.html"))
-    every = "[...document.querySelectorAll('#plots svg text')]"
-    labels = tab.evaluate(f"{every}.map((label) => [label.textContent, label.getBBox().x])")
+    elements = "[...document.querySelectorAll('#plots svg text')]"
+    labels = tab.evaluate(f"{elements}.map((label) => [label.textContent, label.getBBox().x])")
     assert any(len(label) >= 6 for label, _ in labels)  # such as -0.005
     assert all(x >= 0 for _, x in labels)
 
@@ -392,7 +392,7 @@ def test_vertices_agree_with_geometry(visit, pages):
     tab = visit(pages["both"])
     plan = planned("lift-log", "horizon")
     for number in (0, 20, -1):
-        t = float(instants(plan)[number])
+        t = float(sample_times(plan)[number])
         tab.evaluate("t => trunkPage.seek(t)", t)
         settled(tab)
         shape = plan.sample(t).shape
@@ -443,7 +443,7 @@ def test_keys(visit, pages):
     assert not tab.locator("#help").is_visible()
 
 
-def test_everything_that_can_be_used_has_a_name(visit, pages):
+def test_every_control_has_a_name(visit, pages):
     tab = visit(pages["both"])
     nameless = tab.evaluate(
         """[...document.querySelectorAll("button, input, select, canvas, svg")].filter((one) =>
@@ -522,7 +522,7 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     assert fruit["mass"] == 8.0
     assert fruit["color"] == MASS  # as in the figures
     assert all(fruit["shown"])
-    tip = plan.sample(instants(plan)[-1]).shape
+    tip = plan.sample(sample_times(plan)[-1]).shape
     reach = np.array([1.75])
     expected = tip.position(reach) + fruit["radius"] * tip.directors(reach)[:, 2]
     assert decoded(fruit["center"])[-1] == pytest.approx(expected[0], abs=1e-5)
@@ -575,8 +575,8 @@ def test_a_plan_cut_short_is_shown_as_far_as_it_goes(visit, tmp_path):
 
 def test_samples_are_few_and_include_the_steps():
     plan = planned("pick-fruit", "sequential")
-    times = instants(plan)
-    assert len(times) <= MOST
+    times = sample_times(plan)
+    assert len(times) <= MAX_SAMPLES
     assert np.isin(plan.motion.times, times).all()
 
 

@@ -1,6 +1,6 @@
-"""The paper's figures 3 to 9 from our own plans, for print: vector PDF and PNG.
+"""The paper's figures 3 to 9 for any plan, as vector PDF and PNG.
 
-Matplotlib is imported here and nowhere else; without a screen and without touching its settings.
+Matplotlib is imported only in this package; it needs no screen, and its settings stay unchanged.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from .anatomy import draw_anatomy as _draw_anatomy
 from .comparison import draw_two_plans
 from .errors import draw_errors
 from .film import write_film
-from .foresight import draw_foresight as _draw_foresight
-from .foresight import draw_front, draw_survey
+from .lookahead import draw_foresight as _draw_foresight
+from .lookahead import draw_front, draw_survey
 from .muscles import draw_muscles
 from .shapes import draw_shapes
 
@@ -32,15 +32,15 @@ __all__ = [
 ]
 
 FORMATS = ("pdf", "png")
-PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # what takes longest first
+PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # slowest first
 
 
 def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
     """Draw one plan: shapes (m), activations (no unit), muscles and errors (mm).
 
-    The paper's figures 4, 6, 8 (shapes, activations and head angles) and 5, 7, 9 (muscles);
-    the paper has none of errors. Returns the files written. A plan that was cut short or did
-    not converge is drawn as far as it goes.
+    The paper's figures 4, 6, 8 (shapes, activations and head angles) and 5, 7, 9 (muscles); the
+    paper has no figure of errors. Returns the files written. Of a plan that was interrupted or did
+    not converge, the planned steps are drawn.
     """
     return [file for part in PARTS for file in part(plan, Path(folder), formats)]
 
@@ -50,14 +50,14 @@ def draw_comparison(
 ) -> list[Path]:
     """Draw two plans of one motion over each other; activations and J_T (eq. 42) have no unit.
 
-    Beyond the paper's figures 4d, 6c and 8f: largest change from step to step, and how many
-    muscles are at their bound. Returns the files written.
+    In addition to the paper's figures 4d, 6c and 8f: the largest change between steps, and the
+    number of muscles at their bound. Returns the files written.
     """
     return draw_two_plans(sequential, horizon, Path(folder), formats)
 
 
 def draw_anatomy(trunk: Trunk, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Draw where a trunk's muscles are: cross-sections in cm, bodies in m (figs. 3b-d).
+    """Draw the muscles of a trunk: cross-sections in cm, bodies in m (figs. 3b-d).
 
     Returns the files written.
     """
@@ -67,7 +67,7 @@ def draw_anatomy(trunk: Trunk, folder: str | Path, formats: Sequence[str] = FORM
 def draw_foresight(
     result: Foresight, folder: str | Path, formats: Sequence[str] = FORMATS
 ) -> list[Path]:
-    """Draw what `foresight` found: costs against lookahead, and each way of planning over time.
+    """Draw the result of `foresight`: costs against lookahead, and each planning method over time.
 
     Returns the files written.
     """

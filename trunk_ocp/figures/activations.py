@@ -1,4 +1,4 @@
-"""Muscles and head through a motion, with their bounds (figs. 4d-e, 6c-d, 8e-f)."""
+"""Activations and head angles over time, with their bounds (figs. 4d-e, 6c-d, 8e-f)."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
 
-MOST_DOTS = 60  # time steps that are told apart in a panel
-LEAST_RANGE = 2.0  # deg, of a panel of a head that hardly turns
-HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nupwards, $\\psi_Y$ (°)")
+MAX_DOTS = 60  # time steps in a panel that can be distinguished
+MIN_HEAD_RANGE = 2.0  # deg, of an axis, for a head that hardly turns
+HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nup, $\\psi_Y$ (°)")
 
 
 def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw activations (no unit) and head angles (deg) over time (figs. 4d-e, 6c-d, 8e-f).
 
-    Rows are muscle groups, columns segments; right solid, left dotted; contraction upwards.
-    Gray steps are the motion's bounds, dots its time steps, squares those at a bound: filled at
-    full contraction, small and empty at the other. Head angles without bounds have none drawn.
+    Rows are muscle groups, columns segments; right solid, left dotted; contraction upward. Gray
+    lines are the motion's bounds, dots time steps, squares time steps at a bound: filled at that of
+    contraction, small and empty at the other. Free head angles have no bounds drawn.
     """
     with style.styled():
-        return style.save(picture(plan), folder, "activations", formats)
+        return style.save(activations_figure(plan), folder, "activations", formats)
 
 
-def picture(plan: Plan) -> Figure:
+def activations_figure(plan: Plan) -> Figure:
     """The figure that `draw_activations` writes."""
     trunk = plan.motion.trunk
     rows = len(groups(trunk))
     height = 27.0 * rows + 30 + 24
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(27.0 * rows, 1e-3), 24], hspace=12 / (13.5 * rows + 12),
         left=0.085, right=0.985, top=1 - 18 / height, bottom=10 / height,
@@ -62,8 +62,8 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
     for row, group in enumerate(groups(trunk)):
         for segment in range(trunk.segments):
             axes = panels[row, segment]
-            _furnish(axes, plan, row, segment, len(panels))
-            style.say_if_none(axes, trunk, group, segment)
+            _label(axes, plan, row, segment, len(panels))
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 line = style.SIDES[muscle.side][1]
                 color = group_colors(trunk)[group]
@@ -71,11 +71,10 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
                 _steps(axes, plan, index, color, values[0, index])
         panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)", color=style.INK)
     if panels.size:
-        lower, upper = _range(plan)
-        panels[0, 0].set_ylim(upper, lower)  # shared: contraction, which is negative, upwards
+        panels[0, 0].set_ylim(*activation_range([plan]))  # shared by all panels
 
 
-def _furnish(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
+def _label(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
     style.shade_phases(axes, plan.motion, end_of(plan))
     if row == 0:
         axes.set_title(f"segment {segment + 1}")
@@ -83,26 +82,26 @@ def _furnish(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
         axes.set_xlabel("time (s)")
 
 
-def _range(plan: Plan) -> tuple[float, float]:
-    """Least and largest activation any panel shows, with a margin."""
-    count = len(plan.motion.trunk.muscles)
-    lower, upper = limits(plan)
-    values = [lower[:, :count], upper[:, :count], plan.activations, np.zeros((1, count))]
-    every = np.concatenate([value.ravel() for value in values])
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+def activation_range(plans: Sequence[Plan]) -> tuple[float, float]:
+    """Ends of the activation axis of plans and their bounds: contraction, negative, is upward."""
+    values = [np.zeros(1)]
+    for plan in plans:
+        values += [bound[:, :-2].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
+    joined = np.concatenate(values)
+    low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     margin = 0.08 * (high - low or 1.0)
-    return low - margin, high + margin
+    return high + margin, low - margin
 
 
 def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None:
-    """Time steps as dots, those at a bound as squares: full at the lower, empty at the upper.
+    """Time steps as dots; those at a bound as squares, filled at the lower, empty at the upper.
 
-    The lower bound is that of contraction; the upper is mostly rest, and no news.
+    The lower bound limits contraction; the upper one is usually rest, so its squares are small.
     """
     times = plan.motion.times[: len(plan.x)]
     value = plan.x[:, index]
     below, above = (at[:, index] for at in touching(plan))
-    free = ~(below | above) & (len(times) <= MOST_DOTS)
+    free = ~(below | above) & (len(times) <= MAX_DOTS)
     axes.plot([0, *times[free]], [start, *value[free]], ".", color=color, markersize=2.5,
               zorder=3.5)  # fmt: skip
     for touch, size, face, gid in (
@@ -118,12 +117,12 @@ def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None
 
 
 def draw_bounds(axes: Axes, plan: Plan, index: int, factor: float = 1.0) -> None:
-    """Draw the motion's bounds on one unknown, times a factor, each step's over its duration."""
+    """Draw the motion's bounds on one unknown, times a factor, over the duration of each step."""
     times = plan.times
     for bound in limits(plan):
         if len(plan.x):
             values = bound[:, index]
-            if index >= len(plan.motion.trunk.muscles):  # what no head can reach is no bound
+            if index >= len(plan.motion.trunk.muscles):  # free
                 values = np.where(np.abs(values) == HEAD_LIMIT, np.nan, values)
             axes.stairs(
                 factor * values, times, baseline=None, **style.BOUND, zorder=2, gid="bound",
@@ -145,7 +144,7 @@ def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
     axes.set_xlabel("time (s)")
     axes.margins(y=0.1)
     low, high = axes.get_ylim()
-    wider = max(0.0, LEAST_RANGE - (high - low)) / 2
+    wider = max(0.0, MIN_HEAD_RANGE - (high - low)) / 2
     axes.set_ylim(low - wider, high + wider)
     axes.set_ylabel(HEAD_NAMES[index])
 
@@ -158,8 +157,8 @@ def _legend(figure: Figure, motion: Motion) -> None:
         Line2D([], [], **style.BOUND, label="bound"),
         Line2D([], [], color=ink, marker=".", linestyle="", markersize=3, label="time step"),
         Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8,
-               label="at its bound of contraction"),
+               label="at the bound of contraction"),
         Line2D([], [], color="white", marker="s", linestyle="", markersize=2.2,
                markeredgecolor=ink, markeredgewidth=0.6, label="at the other bound"),
     ]  # fmt: skip
-    style.legend_above(figure, handles, style.phase_keys(motion))
+    style.legend_below_title(figure, handles, style.phase_patches(motion))

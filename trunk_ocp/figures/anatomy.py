@@ -1,4 +1,4 @@
-"""Where a trunk's muscles are: cross-sections and an exploded view (figs. 3b-d)."""
+"""The muscles of a trunk: cross-sections and an exploded view (figs. 3b-d)."""
 
 from __future__ import annotations
 
@@ -19,32 +19,31 @@ from ..rod.statics import solve_statics
 from ..scene.body import muscle_body, outline
 from ..scene.colors import group_colors, groups
 from . import style
-from .scene import Surface, extent, facets_of, frame, measure, paint, toward
+from .projection import Surface, extent, facets_of, frame, measure, paint, toward
 
-# The trunk lies on paper with its base at the left: in its own axes d3 points right and d1,
-# the dorsal side, up.
+# On paper the base is at the left: in the trunk's own axes d3 points right and d1, dorsal, up.
 DORSAL = toward("dorsal", (1.0, 0.0, 0.0), below=(0.0, 1.0, 0.0))
-BESIDE = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
+EXPLODED = toward("exploded", (0.45, 0.8, -0.6), below=(-1.0, 0.0, 0.0))
 SECTIONS = 12
-LINE = 3.6  # mm, of a legend
-APART = 0.12  # of the trunk's length, between exploded segments
-OUTWARDS = 1.1  # of the base radius, by which exploded muscles leave the axis
+LEGEND_LINE = 3.6  # mm, height of a line of the legend
+SEGMENT_GAP = 0.12  # of the trunk's length, between exploded segments
+MUSCLE_OFFSET = 1.1  # of the base radius; how far exploded muscles move outward
 
 
 def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw cross-sections in cm (fig. 3b), dorsal views (fig. 3c), an exploded view (fig. 3d)."""
     with style.styled():
-        paths = style.save(sections_picture(trunk), folder, "anatomy-sections", formats)
+        paths = style.save(sections_figure(trunk), folder, "anatomy-sections", formats)
         if trunk.subdomains:
-            paths += style.save(bodies_picture(trunk), folder, "anatomy-exploded", formats)
+            paths += style.save(bodies_figure(trunk), folder, "anatomy-exploded", formats)
     return paths
 
 
-def sections_picture(trunk: Trunk) -> Figure:
-    """Cross-sections of every segment, in cm, all to one scale."""
+def sections_figure(trunk: Trunk) -> Figure:
+    """Cross-sections of every segment in cm, all to one scale."""
     width = min(style.WIDTH, 60.0 * trunk.segments)
     columns = 3 if width > 100 else 2
-    header = max(14.0, 7 + LINE * np.ceil(len(groups(trunk)) / columns))
+    header = max(14.0, 7 + LEGEND_LINE * np.ceil(len(groups(trunk)) / columns))
     height = width / trunk.segments + 2 + header
     figure = style.new_figure(height, width)
     grid = figure.add_gridspec(
@@ -53,16 +52,16 @@ def sections_picture(trunk: Trunk) -> Figure:
     )  # fmt: skip
     panels = grid.subplots(squeeze=False, sharex=True, sharey=True)[0]
     for segment, axes in enumerate(panels):
-        _section(axes, trunk, segment)
+        draw_section(axes, trunk, segment)
     panels[0].set_ylabel("$d_1$, dorsal (cm)")
     figure.legend(
-        handles=_key(trunk), loc="upper center", ncols=columns,
+        handles=_legend(trunk), loc="upper center", ncols=columns,
         handlelength=1, columnspacing=1,
     )  # fmt: skip
     return figure
 
 
-def _key(trunk: Trunk) -> list[Patch]:
+def _legend(trunk: Trunk) -> list[Patch]:
     names = group_colors(trunk).items()
     return [
         Patch(color=c, label=f"{g}: {style.full_name(g)}" if g in style.NAMES else g)
@@ -70,8 +69,8 @@ def _key(trunk: Trunk) -> list[Patch]:
     ]
 
 
-def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
-    """A segment's muscles where it starts, looked at from the base: right is on the right."""
+def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
+    """Draw a segment's muscles at its start, seen from the base: right is on the right."""
     start = trunk.edges[segment]
     to_cm = 100 * float(trunk.taper(start))
     radius = to_cm * trunk.base_radius
@@ -93,8 +92,8 @@ def _section(axes: Axes, trunk: Trunk, segment: int) -> None:
     axes.set_xlabel("$d_2$, right (cm)")
 
 
-def bodies_picture(trunk: Trunk) -> Figure:
-    """Left: each group seen from above (dorsal); right: every muscle moved outwards."""
+def bodies_figure(trunk: Trunk) -> Figure:
+    """Left: each group from above (dorsal); right: all muscles, moved outward."""
     straight = _straight(trunk)
     names = groups(trunk)
     height = max(12.0 * len(names), 60.0) + 12
@@ -114,7 +113,7 @@ def bodies_picture(trunk: Trunk) -> Figure:
         figure.text(0.005, bottom + tall / height / 2, group, color=colors[group], va="center",
                     fontweight="bold")  # fmt: skip
     _exploded(figure, trunk, bodies)
-    figure.text(0.24, 1 - 1 / height, "each group, from its dorsal side", ha="center", va="top")
+    figure.text(0.24, 1 - 1 / height, "each group, dorsal view", ha="center", va="top")
     figure.text(0.72, 1 - 1 / height, f"all {len(bodies)} muscles, moved apart", ha="center",
                 va="top")  # fmt: skip
     return figure
@@ -124,30 +123,30 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
     moved = []
     for muscle, body in bodies:
         Theta = sum(muscle.sector) / 2
-        outwards = np.array([np.cos(Theta), np.sin(Theta), 0.0])
+        outward = np.array([np.cos(Theta), np.sin(Theta), 0.0])
         middle = sum(muscle.radii) / 2
-        along = np.array([0.0, 0, APART * trunk.length * muscle.segment])
-        moved.append(body + (OUTWARDS * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
-                     * outwards + along)  # fmt: skip
-    box = extent(BESIDE, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
+        along = np.array([0.0, 0, SEGMENT_GAP * trunk.length * muscle.segment])
+        moved.append(body + (MUSCLE_OFFSET * (0.3 + middle / trunk.base_radius)) * trunk.base_radius
+                     * outward + along)  # fmt: skip
+    box = extent(EXPLODED, np.concatenate([body.reshape(-1, 3) for body in moved]), 0.02)
     height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.46, 6 / height, 0.53, 1 - 12 / height))
     colors = group_colors(trunk)
     pairs = zip(bodies, moved, strict=True)
-    paint(axes, BESIDE, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
-    frame(axes, BESIDE, box)
+    paint(axes, EXPLODED, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
+    frame(axes, EXPLODED, box)
     measure(axes, box)
 
 
 def _straight(trunk: Trunk) -> Shape:
-    """The trunk before any muscle or load, (1,) shapes."""
-    nothing = np.zeros((1, len(trunk.subdomains)))
-    return solve_statics(trunk, nothing, loads=Loads(gravity=0.0))
+    """The trunk without contraction or load, (1,) shapes."""
+    relaxed = np.zeros((1, len(trunk.subdomains)))
+    return solve_statics(trunk, relaxed, loads=Loads(gravity=0.0))
 
 
 def _facets(trunk: Trunk, muscle: Muscle, straight: Shape) -> np.ndarray:
     """A muscle's facets (k, 4, 3) in the trunk's own axes (d1, d2, d3), m."""
     body = muscle_body(trunk, muscle, straight, SECTIONS)
     base = np.zeros(1)
-    own = (body.vertices[0] - straight.position(base)[0, 0]) @ straight.directors(base)[0, 0].T
-    return facets_of(replace(body, vertices=own[None]), SECTIONS)
+    local = (body.vertices[0] - straight.position(base)[0, 0]) @ straight.directors(base)[0, 0].T
+    return facets_of(replace(body, vertices=local[None]), SECTIONS)

@@ -1,4 +1,4 @@
-"""What foresight changes: a sequential plan and a horizon in one picture."""
+"""A sequential plan and a horizon plan of one motion in the same figure."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ..analysis.measures import time_at_bounds
-from ..planning.active_bounds import limits, touching
+from ..planning.active_bounds import touching
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
-from .activations import draw_bounds
+from .activations import activation_range, draw_bounds
 
 SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
 
@@ -28,17 +28,17 @@ def draw_two_plans(
 ) -> list[Path]:
     """Draw two plans of one motion over each other; activations and J_T have no unit (eq. 42)."""
     with style.styled():
-        return style.save(picture(sequential, horizon), folder, "comparison", formats)
+        return style.save(comparison_figure(sequential, horizon), folder, "comparison", formats)
 
 
-def picture(sequential: Plan, horizon: Plan) -> Figure:
+def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
     """The figure that `draw_two_plans` writes."""
     trunk = horizon.motion.trunk
     rows = len(groups(trunk))
     height = 25.0 * rows + 38 + 26
     figure = style.new_figure(height)
-    first, second = (f"{plan.mode}{style.mark(plan)}" for plan in (sequential, horizon))
-    style.headline(figure, f"{style.title(horizon.motion)}: {first} against {second}")
+    first, second = (f"{plan.mode}{style.unsolved_note(plan)}" for plan in (sequential, horizon))
+    style.headline(figure, f"{style.title(horizon.motion)}: {first} and {second}")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
         left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,
@@ -66,29 +66,19 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
                 axes.set_title(f"segment {segment + 1}")
             if row == len(panels) - 1:
                 axes.set_xlabel("time (s)")
-            style.say_if_none(axes, trunk, group, segment)
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 for plan, times, values in drawn:
-                    late = plan is plans[1]
+                    horizon = plan is plans[1]
                     axes.plot(
                         times, values[:, index], style.SIDES[muscle.side][1],
-                        color=group_colors(trunk)[group] if late else SEQUENTIAL,
-                        linewidth=1.3 if late else 1.0, zorder=4 if late else 3,
+                        color=group_colors(trunk)[group] if horizon else SEQUENTIAL,
+                        linewidth=1.3 if horizon else 1.0, zorder=4 if horizon else 3,
                         gid=f"{plan.mode} {muscle.name}",
                     )  # fmt: skip
                 draw_bounds(axes, plans[1], index)
         panels[row, 0].set_ylabel(f"{group}\nactivation (no unit)")
-    panels[0, 0].set_ylim(*_range(plans))
-
-
-def _range(plans: tuple[Plan, Plan]) -> tuple[float, float]:
-    """Upper and lower end of every panel: contraction, which is negative, upwards."""
-    values = [plan.activations.ravel() for plan in plans] + [np.zeros(1)]
-    values += [bound[:, :-2].ravel() for plan in plans for bound in limits(plan)]
-    every = np.concatenate(values)
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
-    margin = 0.08 * (high - low or 1.0)
-    return high + margin, low - margin
+    panels[0, 0].set_ylim(*activation_range(plans))
 
 
 def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
@@ -100,7 +90,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
         times = plan.motion.times[: len(plan.x)]
         errors = plan.errors if len(plan.x) else ()
         cost = np.array([error.paper for error in errors])
-        # From rest to the first step is no change of mind.
+        # Without the change from rest to step 1, which every plan has.
         change = np.abs(np.diff(plan.trajectory[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, change, at_bound), strict=True):
@@ -134,4 +124,4 @@ def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
         Line2D([], [], color=style.INK, linestyle=":", label="left"),
         Line2D([], [], **style.BOUND, label="bound"),
     ]
-    style.legend_above(figure, handles, [*lines, *style.phase_keys(plans[1].motion)])
+    style.legend_below_title(figure, handles, [*lines, *style.phase_patches(plans[1].motion)])

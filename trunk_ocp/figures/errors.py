@@ -1,4 +1,4 @@
-"""How far the trunk is from its targets, through time."""
+"""Distances of the trunk from its targets over time."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from ..planning.plan import Plan
 from ..scene.moments import end_of
 from . import style
 
-MOST_NAMED = 8  # points of the trunk in a legend
-ALONG = "cividis"  # targets, from base to tip; no muscle has these colors' meaning
+MAX_NAMED = 8  # points of the trunk in a legend
+COLORMAP = "cividis"  # for targets, from base to tip; unlike the colors of muscles
 
 
 def draw_errors(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw each target's error over time: positions in mm, directions as a length (eq. 42).
 
-    Dots are time steps, the only times at which targets are asked for; lines lead the eye.
+    Dots are time steps, the only times that have targets; lines guide the eye.
     """
     with style.styled():
-        return style.save(picture(plan), folder, "errors", formats)
+        return style.save(errors_figure(plan), folder, "errors", formats)
 
 
 def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     """Times in s and errors of each point Z (m): "position" in m, "direction" without unit.
 
-    Of several directors asked for at one point, the worst.
+    If several directors have a target at one point, the worst of them.
     """
     series: dict[float, dict[float, float]] = {}
     if len(plan.x):
@@ -43,12 +43,12 @@ def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndar
     return {Z: (np.array([*at]), np.array([*at.values()])) for Z, at in sorted(series.items())}
 
 
-def picture(plan: Plan) -> Figure:
+def errors_figure(plan: Plan) -> Figure:
     """The figure that `draw_errors` writes."""
     height = 62.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
-    style.legend_above(figure, style.phase_keys(plan.motion))
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
+    style.legend_below_title(figure, style.phase_patches(plan.motion))
     grid = figure.add_gridspec(
         1, 2, left=0.075, right=0.88, top=1 - 14 / height, bottom=10 / height, wspace=0.62
     )
@@ -66,15 +66,15 @@ def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -
     axes.set_yscale("log")
     axes.set_xlabel("time (s)")
     series = error_series(plan, kind)
-    if not series:  # before the line, of which alone no range can be made
+    if not series:  # a log axis cannot find a range from the line of the tolerance alone
         axes.set_ylim(tolerance / 10, 10 * tolerance)
     axes.axhline(tolerance, color=style.INK, linewidth=0.8, linestyle="--", label="tolerance")
     if not series:
-        axes.text(0.5, 0.3, f"no {kind} is asked for", color=style.FAINT, transform=axes.transAxes,
+        axes.text(0.5, 0.3, f"no targets of {kind}", color=style.FAINT, transform=axes.transAxes,
                   ha="center")  # fmt: skip
-    named = np.linspace(0, len(series) - 1, MOST_NAMED).round().astype(int)
+    named = np.linspace(0, len(series) - 1, MAX_NAMED).round().astype(int)
     worst: dict[float, float] = {}
-    shades = matplotlib.colormaps[ALONG](np.linspace(0.0, 0.88, max(len(series), 2)))
+    shades = matplotlib.colormaps[COLORMAP](np.linspace(0.0, 0.88, max(len(series), 2)))
     for n, ((Z, (times, errors)), color) in enumerate(zip(series.items(), shades, strict=False)):
         label = f"Z = {Z:.3g} m" if n in named else None
         axes.plot(times, factor * errors, "o-", color=to_hex(color), markersize=2.8,

@@ -1,4 +1,4 @@
-"""The motion as a film: the trunk with its muscles at work, seen three-quarter from both sides."""
+"""A motion as a film: the trunk with its muscles at work, from the right and from the left."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
@@ -22,39 +20,48 @@ from .._support.atomic_files import replacing
 from ..errors import InputError
 from ..planning.plan import Plan
 from ..problem.interpolation import with_marks
-from ..scene.body import muscle_body
-from ..scene.moments import SAME, Instant, end_of, instants
-from ..scene.surroundings import Log, head_sphere, log_at
+from ..scene.body import core_body, core_radius, muscle_body
+from ..scene.moments import Moment, end_of, moments_at, phase_at
+from ..scene.surroundings import head_sphere, logs, tip_mass
 from . import style
-from .muscles import ACTIVATION, DARKEST, MARGIN, SECTIONS, VIEWS, strongest
-from .scene import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD, cargo
+from .muscles import (
+    DARKEST,
+    MARGIN,
+    SECTIONS,
+    VIEWS,
+    activation_color,
+    color_bar,
+    strongest,
+)
+from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
+from .shapes import WOOD, mass_surfaces
 
-RATE = 15  # frames per second of film
-SLOWER = 2  # times as long as the motion, which takes two to four seconds
-MOST = 150  # frames
+FRAME_RATE = 15  # per second of film
+SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds
+MAX_FRAMES = 150
 SIZE = 150.0, 95.0  # mm
-DOTS = 130  # per inch
+DPI = 130
+CORE = "#CFC6BD"  # as on the page
 
-Told = Callable[[int, int], Any]
+Progress = Callable[[int, int], Any]
 
 
 def frame_times(plan: Plan) -> np.ndarray:
-    """Times in s of the film's frames, from rest to the end; jumps of the loads among them."""
+    """Times in s of the film's frames, from rest to the end, with the jumps of the loads."""
     end = end_of(plan)
-    count = min(int(np.ceil(end * RATE * SLOWER)), MOST) + 1
+    count = min(int(np.ceil(end * FRAME_RATE * SLOWDOWN)), MAX_FRAMES) + 1
     times = np.linspace(0.0, end, max(count, 2))
     return with_marks(times, plan.jumps, times[1] / 2)
 
 
-def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list[Path]:
+def write_film(plan: Plan, folder: str | Path, progress: Progress | None = None) -> list[Path]:
     """Write `film.gif` and, where the program ffmpeg is installed, `film.mp4`.
 
-    Muscles are colored by |activation|; the right side and the left, at half the speed.
+    Muscles are colored by |activation|; seen from both sides, at half the speed.
 
     Parameters
     ----------
-    told : callable
+    progress : callable, optional
         Called with (frames done, frames) after each frame.
 
     Raises
@@ -65,8 +72,8 @@ def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list
     folder = Path(folder)
     if not len(plan.x):
         raise InputError(f"{plan.motion.name}: the plan has no time steps, so there is no film.")
-    moments = instants(plan, frame_times(plan))
-    rate = max(1, round((len(moments) - 1) / (SLOWER * end_of(plan))))
+    moments = moments_at(plan, frame_times(plan))
+    rate = max(1, round((len(moments) - 1) / (SLOWDOWN * end_of(plan))))
     writers: list[tuple[AbstractMovieWriter, Path]] = [
         (PillowWriter(fps=rate), folder / "film.gif")
     ]
@@ -75,96 +82,83 @@ def write_film(plan: Plan, folder: str | Path, told: Told | None = None) -> list
     with contextlib.ExitStack() as files, style.styled():
         stage = Stage(plan, moments)
         for writer, path in writers:
-            writer.setup(stage.figure, str(files.enter_context(replacing(path))), DOTS)
+            writer.setup(stage.figure, str(files.enter_context(replacing(path))), DPI)
         for number, moment in enumerate(moments, 1):
             stage.show(moment)
             for writer, _ in writers:
                 writer.grab_frame()
-            if told is not None:
-                told(number, len(moments))
+            if progress is not None:
+                progress(number, len(moments))
         for writer, _ in writers:
             writer.finish()
     return [path for _, path in writers]
 
 
 class Stage:
-    """The figure of a film, drawn anew for each moment."""
+    """The figure of a film, drawn again for each moment; every moment has room in it."""
 
-    def __init__(self, plan: Plan, moments: list[Instant]) -> None:
+    def __init__(self, plan: Plan, moments: list[Moment]) -> None:
         self.plan, self.figure = plan, style.new_figure(SIZE[1], SIZE[0])
         FigureCanvasAgg(self.figure)
         self.scale = Normalize(0.0, strongest(plan))
+        self.logs, self.mass = logs(plan), tip_mass(plan)
+        self.head = head_sphere(plan.motion.trunk)
         self.boxes = {side: self._box(view, moments) for side, view in VIEWS.items()}
 
-    def _box(self, view: View, moments: list[Instant]) -> Bbox:
-        """Room for every moment, so that nothing jumps."""
+    def _box(self, view: View, moments: list[Moment]) -> Bbox:
         trunk = self.plan.motion.trunk
         Z = np.linspace(0, trunk.length, 40)
         points = [moment.shape.position(Z)[0] for moment in moments]
         for moment in moments:
-            hung = cargo(self.plan, self._phase(moment), moment)
-            points += [surface.facets.reshape(-1, 3) for surface in hung]
-        for step in range(len(self.plan.x)):
-            log = log_at(self.plan.motion, step)
-            if log is not None:
-                points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
+            points += [surface.facets.reshape(-1, 3) for surface in self.objects(moment)]
+        if self.head is not None:
+            around = np.stack([view.across, -view.across, view.down, -view.down])
+            # The margin that the trunk's radius needs is added to all points.
+            points.append(self.head[0] + (self.head[1] - trunk.base_radius) * around)
         return extent(view, np.concatenate(points), trunk.base_radius + MARGIN * trunk.length)
 
-    def show(self, moment: Instant) -> None:
+    def show(self, moment: Moment) -> None:
         """Draw a moment."""
-        figure, trunk = self.figure, self.plan.motion.trunk
-        figure.clear()
-        motion, mark = style.title(self.plan.motion), style.mark(self.plan)
+        self.figure.clear()
+        motion, note = style.title(self.plan.motion), style.unsolved_note(self.plan)
+        phase = self.plan.motion.phases[phase_at(self.plan.motion, moment.time, moment.after)]
         after = " (just after)" if moment.after else ""
-        style.headline(figure, f"{motion}{mark}, t = {moment.time:.2f} s{after}")
-        bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
-        surfaces = [
-            Surface(facets_of(body, SECTIONS), self._color(moment.activation[index]))
-            for index, body in enumerate(bodies)
-        ]
-        surfaces += cargo(self.plan, self._phase(moment), moment)
-        log = self._log(moment.time)
-        if log is not None:
-            surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
+        name = style.escaped(style.shortened(phase.name, 30))
+        style.headline(self.figure, f"{motion}{note}: {name}, t = {moment.time:.2f} s{after}")
         for place, (side, view) in enumerate(VIEWS.items()):
-            axes = figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
-            sphere = head_sphere(trunk)
-            if sphere is not None:
-                center = tuple(view.flat(sphere[0]))
-                axes.add_patch(Circle(center, sphere[1], color="#E4E4E4", linewidth=0, zorder=1))
-            paint(axes, view, surfaces, darkest=DARKEST)
+            axes = self.figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
+            self.panel(axes, view, moment)
             frame(axes, view, self.boxes[side])
             axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
             if place == 0:
                 measure(axes, self.boxes[side])
-        _bar(figure, self.scale)
+        color_bar(self.figure, self.scale)
 
-    def _color(self, activation: float) -> tuple[float, float, float]:
-        red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(self.scale(abs(activation))))
-        return (red, green, blue)
+    def panel(self, axes: Axes, view: View, moment: Moment) -> None:
+        """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
+        if self.head is not None:
+            center, radius = tuple(view.flat(self.head[0])), self.head[1]
+            axes.add_patch(Circle(center, radius, color="#E4E4E4", linewidth=0, zorder=1))
+        trunk = self.plan.motion.trunk
+        bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
+        colors = [activation_color(self.scale, value) for value in moment.activation]
+        surfaces = [
+            Surface(facets_of(body, SECTIONS), color)
+            for body, color in zip(bodies, colors, strict=True)
+        ]
+        cores = [
+            core_body(trunk, segment, moment.shape, SECTIONS)
+            for segment in range(trunk.segments)
+            if core_radius(trunk, segment) > 0
+        ]
+        surfaces += [Surface(facets_of(core, SECTIONS), CORE) for core in cores]
+        paint(axes, view, surfaces + self.objects(moment), darkest=DARKEST)
 
-    def _phase(self, moment: Instant) -> int:
-        return self.plan.motion.steps[self._step(moment.time, moment.after)].phase
-
-    def _step(self, time: float, after: bool = False) -> int:
-        """Number, from 0, of the time step that a time leads to; `after` at one, the next."""
-        planned = len(self.plan.x)
-        times = self.plan.motion.times[:planned]
-        return min(int(np.searchsorted(times, time + (SAME if after else -SAME))), planned - 1)
-
-    def _log(self, time: float) -> Log | None:
-        """The log at a time: where the time steps around it have it, and on a line between."""
-        motion, after = self.plan.motion, self._step(time)
-        log = log_at(motion, after)
-        before = log_at(motion, after - 1) if after else None
-        if log is None or before is None or motion.steps[after].phase == 0:
-            return log
-        start, end = motion.times[after - 1], motion.times[after]
-        share = (time - start) / (end - start)
-        return Log(before.center + share * (log.center - before.center), log.radius, log.length)
-
-
-def _bar(figure: Figure, scale: Normalize) -> None:
-    axes = figure.add_axes((0.3, 0.1, 0.4, 0.02))
-    mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
-    figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")
+    def objects(self, moment: Moment) -> list[Surface]:
+        """Logs and the tip mass at a moment."""
+        cylinders = [
+            cylinder(log.center(self.plan, moment.time), log.radius, log.length)
+            for log in self.logs
+        ]
+        surfaces = [Surface(facets, WOOD) for facets in cylinders]
+        return surfaces + mass_surfaces(self.plan, self.mass, moment)

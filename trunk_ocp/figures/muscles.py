@@ -1,4 +1,4 @@
-"""The muscle groups by themselves, deformed, colored by activation (figs. 5, 7, 9)."""
+"""Each muscle group alone, deformed and colored by activation (figs. 5, 7, 9)."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from ..planning.active_bounds import limits
 from ..planning.plan import Plan
 from ..scene.body import muscle_body
 from ..scene.colors import group_colors, groups
-from ..scene.moments import Instant, end_of, instants, through
+from ..scene.moments import Moment, end_of, moments_at, times_of_motion
 from . import style
-from .scene import Surface, extent, facets_of, frame, measure, paint, toward
+from .projection import Surface, extent, facets_of, frame, measure, paint, toward
 
 ACTIVATION = "YlOrRd"  # darker is stronger, to any color vision and in gray
 SECTIONS = 10
-NARROWEST = 16.0  # mm, of a column; the page grows with the number of groups
-LETTER = 1.6  # mm of a heading
+MIN_COLUMN = 16.0  # mm; the figure grows with the number of groups
+LETTER_WIDTH = 1.6  # mm, in a heading
 MARGIN = 0.02 / 1.75  # of the trunk's length, around it
-DARKEST = 0.8  # shading must not be taken for activation
-# Each side as one sees it standing beside the elephant, a little in front and above.
+DARKEST = 0.8  # light shading, so that it is not mistaken for activation
+# Each side as seen from beside the elephant, slightly in front and above.
 VIEWS = {side: toward(side, (0.35, y, -0.25)) for side, y in (("R", 1.0), ("L", -1.0))}
 
 
 def draw_muscles(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw each muscle group alone at several times, colored by |activation| (figs. 5, 7, 9).
 
-    A figure for each side; columns are groups, rows times in s. The muscles' true subdomains in
-    the deformed trunk, seen from their own side; the trunk's centerline is a thin line.
+    A figure for each side; columns are groups, rows times in s. Muscles are their subdomains in the
+    deformed trunk, seen from their own side; the thin line is the trunk's centerline.
     """
     trunk = plan.motion.trunk
     end = end_of(plan)
-    moments = instants(plan, through(plan) if end > 0 else np.zeros(1))
+    moments = moments_at(plan, times_of_motion(plan) if end > 0 else np.zeros(1))
     paths: list[Path] = []
     if not moments:
         return paths
     with style.styled():
         for side, (name, _) in style.SIDES.items():
             if any(muscle.side == side for muscle in trunk.subdomains):
-                figure = picture(plan, moments, side)
+                figure = muscles_figure(plan, moments, side)
                 paths += style.save(figure, folder, f"muscles-{name}", formats)
     return paths
 
 
-def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
+def muscles_figure(plan: Plan, moments: list[Moment], side: str) -> Figure:
     """One of the figures that `draw_muscles` writes, for side "R" or "L"."""
     trunk, view, name = plan.motion.trunk, VIEWS[side], style.SIDES[side][0]
     names = groups(trunk)
@@ -59,16 +59,13 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
     lines = [moment.shape.position(Z)[0] for moment in moments]
     box = extent(view, np.concatenate(lines), trunk.base_radius + MARGIN * trunk.length)
     left, right, above, below = 13.0, 2.0, 14.0, 17.0  # mm
-    page = max(style.WIDTH, left + right + NARROWEST * len(names))
+    page = max(style.WIDTH, left + right + MIN_COLUMN * len(names))
     width = (page - left - right) / len(names)
     tall = min(width * box.height / box.width, 34.0)
     height = above + below + tall * len(moments)
     figure = style.new_figure(height, page)
-    style.headline(
-        figure,
-        f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)}): {name} muscles, seen from "
-        f"the {name}",
-    )
+    title = f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})"
+    style.headline(figure, f"{title}: {name} muscles, seen from the {name}")
     scale = Normalize(0.0, strongest(plan))
     for row, (moment, line) in enumerate(zip(moments, lines, strict=True)):
         bottom = (below + tall * (len(moments) - 1 - row)) / height
@@ -82,43 +79,48 @@ def picture(plan: Plan, moments: list[Instant], side: str) -> Figure:
             paint(axes, view, _surfaces(plan, moment, group, side, scale), darkest=DARKEST)
             frame(axes, view, box)
             if row == 0:
-                _head_column(axes, trunk, group, int(width / LETTER))
-            if column == 0 and row == len(moments) - 1:  # one bar is enough for all
+                _head_column(axes, trunk, group, int(width / LETTER_WIDTH))
+            if column == 0 and row == len(moments) - 1:  # one bar for all
                 measure(axes, box)
-    _bar(figure, scale, height)
+    color_bar(figure, scale)
     return figure
 
 
 def _head_column(axes: Axes, trunk: Trunk, group: str, most: int) -> None:
     named = f"{group}\n{style.full_name(group)}"
     axes.set_title(
-        named if group in style.NAMES else style.short(group, most),
+        named if group in style.NAMES else style.shortened(group, most),
         color=group_colors(trunk)[group], fontsize=6.5, fontweight="bold", pad=2,
     )  # fmt: skip
 
 
-def _surfaces(
-    plan: Plan, moment: Instant, group: str, side: str, scale: Normalize
-) -> list[Surface]:
+def _surfaces(plan: Plan, moment: Moment, group: str, side: str, scale: Normalize) -> list[Surface]:
     trunk = plan.motion.trunk
     surfaces = []
     for index, muscle in enumerate(trunk.subdomains):
         if muscle.side == side and muscle.group == group:
             body = muscle_body(trunk, muscle, moment.shape, SECTIONS)
-            strength = float(scale(abs(moment.activation[index])))
-            red, green, blue, _ = matplotlib.colormaps[ACTIVATION](strength)
-            surfaces.append(Surface(facets_of(body, SECTIONS), (red, green, blue)))
+            color = activation_color(scale, moment.activation[index])
+            surfaces.append(Surface(facets_of(body, SECTIONS), color))
     return surfaces
 
 
+def activation_color(scale: Normalize, activation: float) -> tuple[float, float, float]:
+    """Color of a muscle with an activation."""
+    red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(scale(abs(activation))))
+    return (red, green, blue)
+
+
 def strongest(plan: Plan) -> float:
-    """Largest |activation| of the color bar: the motion's bound, or what a plan has beyond it."""
+    """Upper end of the color bar: the bound on |activation|, or a plan's largest if beyond it."""
     count = len(plan.motion.trunk.muscles)
     values = [bound[:, :count].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
     return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0
 
 
-def _bar(figure: Figure, scale: Normalize, height: float) -> None:
+def color_bar(figure: Figure, scale: Normalize) -> None:
+    """Draw the color bar of |activation| at the bottom of a figure."""
+    height = figure.get_figheight() / style.MM
     axes = figure.add_axes((0.3, 9.0 / height, 0.4, 2.2 / height))
     mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
     figure.colorbar(mapped, cax=axes, orientation="horizontal", label="|activation| (no unit)")

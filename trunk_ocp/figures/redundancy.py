@@ -1,4 +1,4 @@
-"""What each muscle could do without changing the motion, as bands behind what it does."""
+"""Ranges of activation that leave the motion unchanged, behind the planned activations."""
 
 from __future__ import annotations
 
@@ -18,29 +18,31 @@ from ..scene.colors import group_colors, groups
 from ..scene.moments import end_of
 from . import style
 
-PALE, DARK = 0.22, 0.5  # how much of its color a band keeps; opaque, to hide the phases' shades
-ROW = 13.5  # mm
+PALE, DARK = 0.22, 0.5  # fraction of color in a band; opaque, to hide the shading of phases
+ROW_HEIGHT = 13.5  # mm
 
 
-def draw_redundancy(found: Redundancy, folder: Path, formats: Sequence[str]) -> list[Path]:
+def draw_redundancy(redundancy: Redundancy, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw ranges, plan and least effort of every muscle (activation, no unit) over time.
 
-    Rows are sides of muscle groups, columns segments; contraction upwards. Bands are exact at
-    time steps and straight in between.
+    Rows are sides of muscle groups, columns segments; contraction upward. Bands are exact at time
+    steps and straight in between.
     """
     with style.styled():
-        return style.save(picture(found), folder, "redundancy", formats)
+        return style.save(redundancy_figure(redundancy), folder, "redundancy", formats)
 
 
-def picture(found: Redundancy) -> Figure:
+def redundancy_figure(redundancy: Redundancy) -> Figure:
     """The figure that `draw_redundancy` writes."""
-    plan = found.plan
+    plan = redundancy.plan
     trunk = plan.motion.trunk
     kinds = list(dict.fromkeys((muscle.group, muscle.side) for muscle in trunk.subdomains))
     kinds.sort(key=lambda kind: groups(trunk).index(kind[0]))
-    height = ROW * len(kinds) + 30
+    height = ROW_HEIGHT * len(kinds) + 30
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}): the same motion otherwise")
+    style.headline(
+        figure, f"{style.title(plan.motion)} ({plan.mode}): what each muscle could do instead"
+    )
     panels = figure.subplots(
         max(len(kinds), 1), trunk.segments, squeeze=False, sharex=True, sharey=True,
         gridspec_kw={"hspace": 0.16, "wspace": 0.07, "left": 0.09, "right": 0.985,
@@ -51,40 +53,40 @@ def picture(found: Redundancy) -> Figure:
         for segment in range(trunk.segments):
             axes = panels[row, segment]
             style.shade_phases(axes, plan.motion, end_of(plan))
-            style.say_if_none(axes, trunk, group, segment)
+            style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 if muscle.side == side:
-                    _panel(axes, found, index, group_colors(trunk)[group])
+                    _panel(axes, redundancy, index, group_colors(trunk)[group])
     for segment, axes in enumerate(panels[0]):
         axes.set_title(f"segment {segment + 1}")
         panels[-1, segment].set_xlabel("time (s)")
-    every = np.concatenate([found.freedom.alone.ravel(), plan.activations.ravel(), [0.0]])
-    margin = 0.06 * (np.ptp(every) or 1.0)
-    panels[0, 0].set_ylim(every.max() + margin, every.min() - margin)  # contraction upwards
+    values = np.concatenate([redundancy.freedom.alone.ravel(), plan.activations.ravel(), [0.0]])
+    margin = 0.06 * (np.ptp(values) or 1.0)
+    panels[0, 0].set_ylim(values.max() + margin, values.min() - margin)  # contraction upward
     _legend(figure, plan)
     return figure
 
 
-def _panel(axes: Axes, found: Redundancy, index: int, color: str) -> None:
-    plan, free = found.plan, found.freedom
+def _panel(axes: Axes, redundancy: Redundancy, index: int, color: str) -> None:
+    plan, freedom = redundancy.plan, redundancy.freedom
     times = plan.times
-    at_rest = np.zeros((1, 2))  # step 0 is the passive trunk, which has no choice
-    for band, share, gid in ((free.alone, PALE, "alone"), (free.joint, DARK, "joint")):
+    at_rest = np.zeros((1, 2))  # step 0 is the passive trunk
+    for band, fraction, gid in ((freedom.alone, PALE, "alone"), (freedom.joint, DARK, "joint")):
         low, high = np.concatenate([at_rest, band[:, index]]).T
-        axes.fill_between(times, low, high, color=_mixed(color, share), linewidth=0, gid=gid)
-    other = found.versions["least effort"].trajectory[:, index]
+        axes.fill_between(times, low, high, color=_mixed(color, fraction), linewidth=0, gid=gid)
+    effort = redundancy.versions["least effort"].trajectory[:, index]
     axes.plot(times, plan.trajectory[:, index], ".-", color=color, markersize=2.5, gid="plan")
-    axes.plot(times, other, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
-    kind = found.freedom.kinds[index]
+    axes.plot(times, effort, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
+    kind = freedom.kinds[index]
     axes.text(
         0.985, 0.93, kind, transform=axes.transAxes, ha="right", va="top", fontsize=5.5,
         color=style.INK,
     )  # fmt: skip
 
 
-def _mixed(color: str, share: float) -> str:
-    """A color with white."""
-    red, green, blue = (1 - share * (1 - part) for part in to_rgb(color))
+def _mixed(color: str, fraction: float) -> str:
+    """A color mixed with white."""
+    red, green, blue = (1 - fraction * (1 - part) for part in to_rgb(color))
     return to_hex((red, green, blue))
 
 
@@ -96,4 +98,4 @@ def _legend(figure: Figure, plan: Plan) -> None:
         Line2D([], [], color=ink, marker=".", markersize=2.5, label="plan"),
         Line2D([], [], color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), label="least effort"),
     ]
-    style.legend_above(figure, handles, style.phase_keys(plan.motion))
+    style.legend_below_title(figure, handles, style.phase_patches(plan.motion))

@@ -16,12 +16,12 @@ from matplotlib.transforms import Bbox
 
 from .._support.wording import rounded
 from ..planning.plan import Plan
-from ..scene.body import frames, swept
+from ..scene.body import frames, round_body
 from ..scene.colors import MASS
-from ..scene.moments import Instant, instants, within_phase
-from ..scene.surroundings import Log, Mark, carried, head_sphere, log_at, marks, steps_of
+from ..scene.moments import Moment, moments_at, times_of_phase
+from ..scene.surroundings import Log, Mark, TipMass, head_sphere, logs, marks, tip_mass
 from . import style
-from .scene import (
+from .projection import (
     FACETS,
     VIEWS,
     Surface,
@@ -41,23 +41,28 @@ LOG_PATH = "#5A3E12"
 HEAD = "#F3EFE6"
 TARGET = "#CC0055"
 SECTIONS = 36
-CARGO_RADIUS = 0.08 / 1.75  # of the trunk's length; the mass at the tip is known, its size is not
-HEADER = 10.0  # mm, for title and key
+HEADER = 10.0  # mm, for title and legend
 ARROW = 0.1  # of the trunk's length
-TALLEST = 225.0  # mm, of all rows together: a page
-MOST_ROWS = 5  # on a page; of more phases several share a row
-MOST_TIPS = 121  # points of the tip's path through a phase
-MOST_TRUNKS = 6  # in a row
-LONGEST = 105.0  # mm on paper for the trunk's length, even where little happens
+MAX_HEIGHT = 225.0  # mm, of all rows together: a page
+MAX_ROWS = 5  # on a page; if there are more phases, several share a row
+MAX_TIPS = 121  # points of the tip's path through a phase
+MAX_TRUNKS = 6  # in a row
+MAX_LENGTH = 105.0  # mm on paper for the trunk's length, even where it moves little
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """What one phase shows, or all phases from `number` to `last`."""
+    """What one phase shows, or all phases from `number` to `last`.
+
+    `log_paths` has, for each log, its centers (n, 3) in m at the phase's steps; `tips` (n, 3) m is
+    the path of the tip.
+    """
 
     number: int
-    trunks: list[Instant]
+    trunks: list[Moment]
     logs: list[Log]
+    log_paths: list[np.ndarray]
+    mass: TipMass | None
     marks: list[Mark]
     tips: np.ndarray
     last: int | None = None
@@ -66,69 +71,74 @@ class Row:
 def draw_shapes(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
     """Draw trunk shapes through each phase; positions in m (figs. 4a-c, 6a-b, 8a-d).
 
-    A row for each phase, or for some together if there are many; from left to right the side, the
-    front and a three-quarter view, all to one scale. Time runs from light to dark, later shapes
-    over earlier ones. Nothing is moved aside: a trunk that passes through the head or a log is
-    drawn doing so.
+    A row for each phase, or for several together if there are many; from left to right the side,
+    the front and a three-quarter view, all to one scale. Time runs from light to dark, later shapes
+    over earlier ones. A trunk that passes through the head or a log is drawn doing so.
     """
-    numbers = range(len(plan.motion.phases))
-    rows = joined([row_of(plan, number) for number in numbers if steps_of(plan, number)])
-    if not rows:
-        rows = [Row(0, instants(plan, np.zeros(1)), [], [], np.zeros((0, 3)))]
     with style.styled():
-        return style.save(picture(plan, rows), folder, "shapes", formats)
+        return style.save(shapes_figure(plan, rows_of(plan)), folder, "shapes", formats)
+
+
+def rows_of(plan: Plan) -> list[Row]:
+    """Rows of the figure, one for each phase with planned steps; the trunk at rest if none has."""
+    numbers = dict.fromkeys(step.phase for step in plan.motion.steps[: len(plan.x)])
+    if not numbers:
+        return [Row(0, moments_at(plan, np.zeros(1)), [], [], None, [], np.zeros((0, 3)))]
+    return merged([row_of(plan, number) for number in numbers])
 
 
 def row_of(plan: Plan, number: int) -> Row:
     """What a phase with planned steps shows."""
-    steps = steps_of(plan, number)
-    trunks = instants(plan, within_phase(plan, number), number)
-    before = [steps[0] - 1] if steps[0] > 0 else []
-    found = [log_at(plan.motion, step) for step in before + steps]
-    logs = [log for log in found if log is not None] if found[-1] is not None else []
+    steps = [i for i, s in enumerate(plan.motion.steps[: len(plan.x)]) if s.phase == number]
+    trunks = moments_at(plan, times_of_phase(plan, number), number)
+    cylinders = logs(plan)
+    log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is rest
     tip = np.array([plan.motion.trunk.length])
-    count = min(max(13, 3 * len(steps) + 1), MOST_TIPS)  # corners would be the picture's own
-    between = instants(plan, within_phase(plan, number, count), number)
-    tips = [instant.shape.position(tip)[0, 0] for instant in between]
-    return Row(number, trunks, logs, marks(plan, steps[-1]), np.array(tips).reshape(-1, 3))
+    count = min(max(13, 3 * len(steps) + 1), MAX_TIPS)  # enough that the path looks smooth
+    between = moments_at(plan, times_of_phase(plan, number, count), number)
+    tips = np.array([moment.shape.position(tip)[0, 0] for moment in between]).reshape(-1, 3)
+    return Row(number, trunks, cylinders, log_paths, tip_mass(plan), marks(plan, steps[-1]), tips)
 
 
-def joined(rows: list[Row]) -> list[Row]:
-    """At most `MOST_ROWS` rows: of more, neighbors together."""
-    if len(rows) <= MOST_ROWS:
+def merged(rows: list[Row]) -> list[Row]:
+    """At most `MAX_ROWS` rows: if there are more, neighbors share one."""
+    if len(rows) <= MAX_ROWS:
         return rows
-    groups = np.array_split(np.arange(len(rows)), MOST_ROWS)
-    return [_together([rows[i] for i in group.tolist()]) for group in groups]
+    groups = np.array_split(np.arange(len(rows)), MAX_ROWS)
+    return [_one_row([rows[i] for i in group.tolist()]) for group in groups]
 
 
-def _together(rows: list[Row]) -> Row:
+def _one_row(rows: list[Row]) -> Row:
     """Phases in one row: the trunk at the start and at the end of each, every target and log."""
     trunks = rows[0].trunks[:1] + [trunk for row in rows for trunk in row.trunks[-1:]]
-    kept = np.unique(np.linspace(0, len(trunks) - 1, MOST_TRUNKS).round().astype(int))
+    kept = np.unique(np.linspace(0, len(trunks) - 1, MAX_TRUNKS).round().astype(int))
+    paths = zip(*(row.log_paths for row in rows), strict=True)
     return Row(
         rows[0].number,
         [trunks[i] for i in kept.tolist() if i >= 0],
-        [log for row in rows for log in row.logs],
+        rows[0].logs,
+        [np.concatenate(path) for path in paths],
+        rows[0].mass,
         [mark for row in rows for mark in row.marks],
         np.concatenate([row.tips for row in rows]),
         rows[-1].number,
     )
 
 
-def picture(plan: Plan, rows: list[Row]) -> Figure:
+def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     """The figure that `draw_shapes` writes."""
     boxes = [_boxes(plan, rows, row) for row in rows]
     left, between, above, below, right = 13.5, 14.0, 12.0, 8.0, 2.0  # mm
     usable = style.WIDTH - left - 2 * between - right
     tall = [max(box.height for box in of_row) for of_row in boxes]
-    room = TALLEST - len(rows) * (above + below)
-    largest = LONGEST / plan.motion.trunk.length
+    room = MAX_HEIGHT - len(rows) * (above + below)
+    largest = MAX_LENGTH / plan.motion.trunk.length
     scale = min(usable / sum(box.width for box in boxes[0]), room / sum(tall), largest)
     spare = (usable - scale * sum(box.width for box in boxes[0])) / 2
     height = scale * sum(tall) + len(rows) * (above + below) + HEADER
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.mark(plan)})")
-    _key(figure, plan)
+    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
+    _legend(figure, plan, rows[0])
     top = height - HEADER
     for row, of_row, size in zip(rows, boxes, tall, strict=True):
         top -= above
@@ -147,24 +157,25 @@ def _boxes(plan: Plan, rows: list[Row], row: Row) -> list[Bbox]:
     """What each view of a row shows: as wide as all rows need, as high as this one does."""
     boxes = []
     for view in VIEWS:
-        every = extent(view, np.concatenate([_everything(plan, other, view) for other in rows]), 0)
-        own = extent(view, _everything(plan, row, view), 0)
+        of_rows = extent(view, np.concatenate([_contents(plan, other, view) for other in rows]), 0)
+        of_row = extent(view, _contents(plan, row, view), 0)
         margin = 0.035 * plan.motion.trunk.length
         boxes.append(
-            Bbox([[every.x0 - margin, own.y0 - margin], [every.x1 + margin, own.y1 + margin]])
-        )
+            Bbox([[of_rows.x0 - margin, of_row.y0 - margin],
+                  [of_rows.x1 + margin, of_row.y1 + margin]])
+        )  # fmt: skip
     return boxes
 
 
-def _everything(plan: Plan, row: Row, view: View) -> np.ndarray:
+def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
     """Points (n, 3) in m that a row's panels have room for: bodies, mass, sphere and targets."""
     trunk, sphere = plan.motion.trunk, head_sphere(plan.motion.trunk)
-    points = [_body(plan, instant).reshape(-1, 3) for instant in row.trunks] + [np.zeros((1, 3))]
-    for instant in row.trunks:
-        hung = cargo(plan, _phase_at(plan, row, instant), instant)
+    points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks] + [np.zeros((1, 3))]
+    for moment in row.trunks:
+        hung = mass_surfaces(plan, row.mass, moment)
         points += [surface.facets.reshape(-1, 3) for surface in hung]
-    for log in row.logs:
-        points.append(cylinder(log.center, log.radius, log.length).reshape(-1, 3))
+    for log, path in zip(row.logs, row.log_paths, strict=True):
+        points += [cylinder(center, log.radius, log.length).reshape(-1, 3) for center in path]
     for mark in row.marks:
         points.append(np.stack([mark.target, mark.reached]))
         points += [(mark.target + ARROW * trunk.length * d)[None] for d in mark.directions]
@@ -180,10 +191,10 @@ def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
         center, radius = view.flat(sphere[0]), sphere[1]
         axes.add_patch(Circle(tuple(center), radius, color=HEAD, linewidth=0, zorder=1))
         outline = Circle(tuple(center), radius, fill=False, linewidth=0.6, zorder=4, gid="head")
-        outline.set_linestyle((0, (4, 2)))  # drawn over the trunk, that both are seen
+        outline.set_linestyle((0, (4, 2)))  # over the trunk, so that both are seen
         axes.add_patch(outline)
     for index in range(len(row.trunks)):
-        # Time before depth: shapes that nearly coincide would show through each other.
+        # Later shapes cover earlier ones: sorted by depth, shapes that nearly coincide would mix.
         paint(axes, view, layer(plan, row, index), zorder=2 + index / len(row.trunks))
     _paths(axes, view, row)
     for mark in row.marks:
@@ -195,32 +206,21 @@ def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
 
 
 def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
-    """The trunk at one instant, with what it holds at the phase's start and end."""
-    surfaces = [Surface(_body(plan, row.trunks[index]), _shade(index, len(row.trunks)))]
-    last = index == len(row.trunks) - 1
-    for number, log in enumerate(row.logs):
-        if (number == 0 and index == 0) or (number == len(row.logs) - 1 and last):
-            surfaces.append(Surface(cylinder(log.center, log.radius, log.length), WOOD))
-    return surfaces + cargo(plan, _phase_at(plan, row, row.trunks[index]), row.trunks[index])
+    """The trunk at one moment with the tip mass; logs at the start and the end of the row."""
+    moment, ends = row.trunks[index], {0: 0, len(row.trunks) - 1: -1}
+    surfaces = [Surface(_body(plan, moment), _shade(index, len(row.trunks)))]
+    if index in ends:
+        surfaces += [
+            Surface(cylinder(path[ends[index]], log.radius, log.length), WOOD)
+            for log, path in zip(row.logs, row.log_paths, strict=True)
+        ]
+    return surfaces + mass_surfaces(plan, row.mass, moment)
 
 
-def _phase_at(plan: Plan, row: Row, instant: Instant) -> int:
-    """Number of the phase of a row that an instant belongs to."""
-    if row.last is None:
-        return row.number
-    ends = [phase.end for phase in plan.motion.phases[row.number : row.last]]
-    edge = 1e-9 if instant.after else -1e-9
-    return row.number + int(np.searchsorted(ends, instant.time + edge))
-
-
-def cargo(plan: Plan, number: int, instant: Instant) -> list[Surface]:
-    """The mass that hangs at the tip during a phase, if any, ahead of the tip."""
-    if not carried(plan.motion, number) > 0:
-        return []
-    end, shape = np.array([plan.motion.trunk.length]), instant.shape
-    radius = CARGO_RADIUS * plan.motion.trunk.length
-    ahead = radius * shape.directors(end)[0, 0, 2]
-    return [Surface(ball(shape.position(end)[0, 0] + ahead, radius), MASS)]
+def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
+    """The tip mass at a moment, if it is there."""
+    center = mass.center(plan, moment) if mass else None
+    return [] if mass is None or center is None else [Surface(ball(center, mass.radius), MASS)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
@@ -228,25 +228,22 @@ def _shade(index: int, count: int) -> tuple[float, float, float]:
     return (red, green, blue)
 
 
-def _body(plan: Plan, instant: Instant) -> np.ndarray:
-    """Facets of the trunk; coarser than `geometry.trunk_body`, so that vectors stay light."""
+def _body(plan: Plan, moment: Moment) -> np.ndarray:
+    """Facets of the trunk; coarser than `body.trunk_body`, to keep vector files small."""
     trunk = plan.motion.trunk
     angle = np.linspace(0, 2 * np.pi, FACETS, endpoint=False)
     section = trunk.base_radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    fan = np.arange(1, FACETS - 1)
-    caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
     Z = np.linspace(0.0, trunk.length, SECTIONS)
-    body = swept(section, frames(trunk, instant.shape, Z), caps)
-    return facets_of(body, SECTIONS)
+    return facets_of(round_body(section, frames(trunk, moment.shape, Z)), SECTIONS)
 
 
 def _paths(axes: Axes, view: View, row: Row) -> None:
-    if len(row.logs) > 1:
-        flat = view.flat(np.array([log.center for log in row.logs]))
-        axes.plot(
-            *flat.T, color=LOG_PATH, linewidth=0.8, marker=".", markersize=2.5, zorder=5,
-            gid="log path",
-        )  # fmt: skip
+    for path in row.log_paths:
+        if np.ptp(path, axis=0).any():
+            axes.plot(
+                *view.flat(path).T, color=LOG_PATH, linewidth=0.8, marker=".", markersize=2.5,
+                zorder=5, gid="log path",
+            )  # fmt: skip
     if len(row.tips):
         axes.plot(*view.flat(row.tips).T, color="k", linewidth=0.7, linestyle=":", zorder=5)
 
@@ -269,8 +266,7 @@ def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
         )  # fmt: skip
 
 
-def _key(figure: Figure, plan: Plan) -> None:
-    phases = range(len(plan.motion.phases))
+def _legend(figure: Figure, plan: Plan, row: Row) -> None:
     entries = [
         Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
                linewidth=1.2, label="target, error, direction"),
@@ -279,34 +275,31 @@ def _key(figure: Figure, plan: Plan) -> None:
     if head_sphere(plan.motion.trunk) is not None:
         dashes = (0, (4, 2))
         entries.append(Line2D([], [], color="k", linestyle=dashes, linewidth=0.6, label="head"))
-    if any(plan.motion.spec.phases[number].wrap is not None for number in phases):
+    if row.logs:
         entries.append(
             Line2D([], [], color=LOG_PATH, marker=".", linewidth=0.8, label="path of the log")
         )
-    if any(carried(plan.motion, number) > 0 for number in phases):
-        ball = Line2D([], [], color=MASS, marker="o", linestyle="", label="mass at the tip")
-        entries.append(ball)
-    style.legend_above(figure, entries)
+    if row.mass is not None:
+        label = f"{row.mass.mass:g} kg that the tip carries"
+        entries.append(Line2D([], [], color=MASS, marker="o", linestyle="", label=label))
+    style.legend_below_title(figure, entries)
 
 
 def _ends(row: Row) -> list[int]:
-    """Numbers of a row's first phase and, if there are several, of its last."""
+    """Number of a row's first phase and, if there are several, of its last."""
     return [row.number] if row.last is None else [row.number, row.last]
 
 
 def _caption(plan: Plan, row: Row) -> str:
-    after = [" (just after)" if instant.after else "" for instant in row.trunks]
-    times = ", ".join(
-        f"{instant.time:.2f}{w}" for instant, w in zip(row.trunks, after, strict=True)
-    )
-    names = [style.plain(style.short(plan.motion.phases[n].name, 30)) for n in _ends(row)]
+    after = [" (just after)" if moment.after else "" for moment in row.trunks]
+    times = ", ".join(f"{moment.time:.2f}{w}" for moment, w in zip(row.trunks, after, strict=True))
+    names = [style.escaped(style.shortened(plan.motion.phases[n].name, 30)) for n in _ends(row)]
     text = f"{' to '.join(names)}:  t = {times} s, from light to dark"
     errors = [
         1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks if mark.placed
     ]
     if errors:
         text += f";  position error at the end: at most {rounded(max(errors))} mm"
-    mass = max(carried(plan.motion, number) for number in _ends(row))
-    if mass > 0:
-        text += f";  {mass:g} kg at the tip"
+    if row.mass is not None and any(row.mass.carried[number] for number in _ends(row)):
+        text += f";  {row.mass.mass:g} kg at the tip"
     return text

@@ -1,4 +1,4 @@
-"""How every figure looks: sizes for print, names, files without dates."""
+"""The look of every figure: sizes for print, names, files without dates."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2)
 
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
-MOST_PIXELS = 30_000  # along a picture's side; what draws them knows no more than 65,535
-MOST_KEYS = 6  # phases in a legend
-ROOM = 70  # letters of a legend's line
-LONGEST_TITLE = 80  # letters
+MAX_PIXELS = 30_000  # on either side of an image; the renderer's limit is 65,535
+MAX_LEGEND_PHASES = 6
+LEGEND_LETTERS = 70  # in a line of a legend
+MAX_TITLE = 80  # letters
 WIDTH = 180.0  # mm, two columns
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -68,17 +68,17 @@ LOOK: Any = {
 
 
 def styled() -> AbstractContextManager[None]:
-    """Context in which figures get their look; the caller's own settings come back after it.
+    """Context with the look of our figures; the caller's settings are restored after it.
 
     Raises
     ------
     TrunkError
-        If matplotlib does not find the font that it brings along.
+        If matplotlib does not find the font that is part of it.
     """
     if FONT not in fontManager.get_font_names():
         raise TrunkError(
-            f"matplotlib finds no font {FONT!r}, which is part of it, so there are no pictures; "
-            "install matplotlib again, or go without: solve-motion --no-figures."
+            f"matplotlib does not find its own font {FONT!r}, so no figures can be drawn; "
+            "reinstall matplotlib, or use solve-motion --no-figures."
         )
     return matplotlib.rc_context(LOOK)
 
@@ -89,20 +89,20 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 
 def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
-    """Write a figure in every format: the same picture gives the same bytes."""
+    """Write a figure in every format; the same figure always gives the same bytes."""
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     paths = []
     for kind in formats:
         path = folder / f"{name}.{kind}"
         with replacing(path) as unfinished:
-            dots = min(LOOK["savefig.dpi"], MOST_PIXELS / max(figure.get_size_inches()))
+            dots = min(LOOK["savefig.dpi"], MAX_PIXELS / max(figure.get_size_inches()))
             figure.savefig(unfinished, format=kind, dpi=dots, metadata=undated.get(kind))
         paths.append(path)
     return paths
 
 
 def full_name(group: str) -> str:
-    """What a muscle group is called in full, as far as it is known."""
+    """Full name of a muscle group, if it is known."""
     return NAMES.get(group, group)
 
 
@@ -115,11 +115,11 @@ def muscles_of(trunk: Trunk, group: str, segment: int) -> list[tuple[int, Muscle
     ]
 
 
-def say_if_none(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
-    """Say why curves are empty where a segment has no muscle of a group."""
+def note_if_empty(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
+    """Write a note in the panel of a segment that has no muscle of a group."""
     if not muscles_of(trunk, group, segment):
         axes.text(
-            0.5, 0.5, "no such muscle here", color=FAINT, transform=axes.transAxes,
+            0.5, 0.5, "no such muscle", color=FAINT, transform=axes.transAxes,
             ha="center", va="center",
         )  # fmt: skip
 
@@ -141,37 +141,40 @@ def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
         axes.set_xlim(0, end)
 
 
-def phase_keys(motion: Motion) -> list[Patch]:
-    """Legend entries of the phases' shades; of the first ones, if there are very many."""
-    shown = motion.phases[:MOST_KEYS]
+def phase_patches(motion: Motion) -> list[Patch]:
+    """Legend entries for the shading of phases; if there are many, for the first ones."""
+    shown = motion.phases[:MAX_LEGEND_PHASES]
     more = len(motion.phases) - len(shown)
     keys = [
-        Patch(color=PHASES[n % len(PHASES)], label=plain(short(phase.name, ROOM // len(shown))))
+        Patch(
+            color=PHASES[n % len(PHASES)],
+            label=escaped(shortened(phase.name, LEGEND_LETTERS // len(shown))),
+        )
         for n, phase in enumerate(shown)
     ]
     return [*keys, Patch(alpha=0, label=f"and {more} more phases")] if more else keys
 
 
-def short(text: str, most: int) -> str:
-    """A text of at most so many letters."""
+def shortened(text: str, most: int) -> str:
+    """A text, shortened to a number of letters."""
     return text if len(text) <= most else text[: most - 3].rstrip() + "..."
 
 
-def plain(text: str) -> str:
-    """Text as its author wrote it.
+def escaped(text: str) -> str:
+    """Text that matplotlib shows unchanged.
 
-    Matplotlib takes dollars for formulae, and leaves labels with a leading underscore out.
+    It would take dollars for formulas, and leave out labels with a leading underscore.
     """
     return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def title(motion: Motion) -> str:
-    """What a motion is called."""
-    return plain(short(motion.spec.title or motion.name, LONGEST_TITLE))
+    """Title of a motion."""
+    return escaped(shortened(motion.spec.title or motion.name, MAX_TITLE))
 
 
-def mark(plan: Plan) -> str:
-    """What a title adds to a plan that is not solved, for no one to take it for one."""
+def unsolved_note(plan: Plan) -> str:
+    """Addition to the title of a plan that is not solved; empty if it is."""
     solved = plan.status is Status.SOLVED
     return "" if solved else f", NOT SOLVED: {plan.status.name.lower().replace('_', ' ')}"
 
@@ -182,10 +185,10 @@ def headline(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=8.5, y=1 - 1.5 / height)
 
 
-def legend_above(figure: Figure, *rows: Sequence[Artist]) -> None:
-    """Put a figure's legend under its title, in rows; empty ones take no room."""
+def legend_below_title(figure: Figure, *rows: Sequence[Artist]) -> None:
+    """Put a figure's legend under its title, in rows; empty rows take no space."""
     height = figure.get_figheight() / MM
-    for row, entries in enumerate(entries for entries in rows if entries):
+    for row, entries in enumerate([entries for entries in rows if entries]):
         figure.legend(
             handles=entries,
             loc="upper center",

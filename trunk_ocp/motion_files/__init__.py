@@ -1,7 +1,7 @@
-"""Motions for other programs: glTF for viewers, VTK for ParaView, .sto for OpenSim.
+"""Motions for other programs: glTF for 3D viewers, VTK for ParaView, .sto for OpenSim.
 
-Nothing but NumPy and SciPy is needed to write them: each format is plain enough that a writer of
-our own is shorter than the glue to a library.
+The writers need only NumPy and SciPy: for such simple formats a writer is shorter than an adapter
+to a library.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A motion as one glTF file (.glb), which Blender and every viewer on the web open.
+"""A motion as one glTF file (.glb), which Blender and web viewers open.
 
-Each muscle is a mesh of its own that morphs through the shapes of the key frames: glTF's morph
-targets are what each shape adds to the first, and the weights blend two neighbors at a time.
+Each muscle is a separate mesh that morphs through the shapes of the key frames. The morph targets
+of glTF are differences from the first shape; the weights blend two neighbors at a time.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from .._support.atomic_files import write
 from ..model.anatomy import Muscle
 from ..planning.plan import Plan
-from ..scene.colors import OTHERS, group_colors
-from ..scene.keyframes import HOLD, Keyframes, with_between
+from ..scene.colors import EXTRA_COLORS, group_colors
+from ..scene.keyframes import JUMP_DURATION, Keyframes, for_blending
 from ..scene.surfaces import Surface, coarse_body, coarse_outline, shaded
 
 FLOAT, UINT = 5126, 5125
 VERTICES, INDICES = 34962, 34963
 
-BYTES = 5_000_000  # for the shapes; what describes them takes up to 15 % more
-SECTIONS = (4, 24)  # fewest and most cross-sections of a muscle
+TARGET_BYTES = 5_000_000  # for the shapes; the JSON that describes them adds up to 15 %
+SECTIONS = (4, 24)  # minimum and maximum cross-sections of a muscle
 
-# Columns are the model's axes (X forwards, Y right, Z down) in glTF's: +Z forwards, -X right,
+# Columns are the model's axes (X forward, Y right, Z down) in glTF's: +Z forward, -X right,
 # +Y up. As a quaternion x, y, z, w.
 UPRIGHT = (0.5, -0.5, 0.5, 0.5)
 
@@ -36,19 +36,19 @@ UPRIGHT = (0.5, -0.5, 0.5, 0.5)
 def write_glb(plan: Plan, path: str | Path) -> Path:
     """Write a plan as an animation, a node for each muscle; returns the path.
 
-    Lengths are in m and times in s from rest; a root node turns the model's axes to glTF's.
-    Key frames are the time steps, with the trunk under its new loads just after those at which
-    loads jump, and some between where straight lines would leave the motion. Each node's `extras`
-    have the muscle's group, side, segment and activation at the root's `times`;
-    `extras.time_steps` are those that were planned. A trunk without muscles is a single mesh. Long
-    motions get fewer cross-sections, to remain within some 6 MB.
+    Lengths are in m and times in s from rest; a root node rotates the model's axes to glTF's.
+    Key frames are the time steps, the trunk just after each jump of the loads, and some in between
+    where blending alone would depart from the motion. Each node's `extras` have the muscle's group,
+    side, segment, and activation at the root's `times`; `extras.time_steps` are the planned time
+    steps. A trunk without muscles is a single mesh. Long motions get fewer cross-sections, so that
+    the file stays below about 6 MB.
 
     Raises
     ------
     InputError
         If the plan has no time steps, or the file cannot be written.
     """
-    frames = with_between(plan)
+    frames = for_blending(plan)
     trunk = plan.motion.trunk
     parts: list[Muscle | None] = list(trunk.subdomains) or [None]
     sections = sections_within(parts, len(frames.times))
@@ -61,16 +61,16 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
         surface = shaded(coarse_body(trunk, part, frames.shape, sections))
         name = part.name if part else trunk.name
         extras = _extras(part, frames.activation[:, i]) if part else {}
-        color = colors[part.group] if part else OTHERS[4]
+        color = colors[part.group] if part else EXTRA_COLORS[4]
         file.morphing_mesh(name, surface, color, names, extras)
     return write(path, file.glb(_root(plan, frames)))
 
 
 def sections_within(parts: list[Muscle | None], frames: int) -> int:
-    """Cross-sections of each muscle, so that all shapes together take some `BYTES`."""
+    """Cross-sections of each muscle, so that all shapes take about `TARGET_BYTES`."""
     points = np.array([len(coarse_outline(part)[0]) if part else 24 for part in parts])
     per_section, caps = (points + 4).sum(), 2 * points.sum()  # four edges have two normals
-    room = BYTES / (24 * frames)  # a vertex is a position and a normal, 24 bytes
+    room = TARGET_BYTES / (24 * frames)  # a vertex is a position and a normal, 24 bytes
     return int(np.clip((room - caps) / per_section, *SECTIONS))
 
 
@@ -85,7 +85,7 @@ def weight_keys(frames: Keyframes) -> tuple[np.ndarray, np.ndarray]:
     for i in range(1, count):
         if frames.held[i]:
             step = frames.times[i] - frames.times[i - 1]
-            times.append(frames.times[i] - min(HOLD, step / 2))
+            times.append(frames.times[i] - min(JUMP_DURATION, step / 2))
             shapes.append(i - 1)
         times.append(frames.times[i])
         shapes.append(i)
@@ -103,7 +103,7 @@ def _extras(muscle: Muscle, activation: np.ndarray) -> dict[str, Any]:
 
 
 def _root(plan: Plan, frames: Keyframes) -> dict[str, Any]:
-    """The node that holds all muscles and turns them upright."""
+    """The node that holds all muscles and rotates them upright."""
     motion = plan.motion
     return {
         "name": motion.trunk.name,
@@ -128,7 +128,7 @@ def _linear(color: str) -> list[float]:
 
 @dataclass
 class _File:
-    """A glTF file in the making: one binary buffer, and lists of what is in it."""
+    """A glTF file under construction: one binary buffer, and lists of its contents."""
 
     buffer: bytearray = field(default_factory=bytearray)
     views: list[dict[str, Any]] = field(default_factory=list)
@@ -141,9 +141,9 @@ class _File:
     def store(
         self, arrays: np.ndarray, kind: str, target: int | None = None, bounds: bool = False
     ) -> list[int]:
-        """Store arrays (n, count, ...) of float or int one after the other; their accessors."""
-        whole = np.issubdtype(arrays.dtype, np.integer)
-        arrays = np.ascontiguousarray(arrays, "<u4" if whole else "<f4")
+        """Append arrays (n, count, ...) of float or int to the buffer; return their accessors."""
+        integer = np.issubdtype(arrays.dtype, np.integer)
+        arrays = np.ascontiguousarray(arrays, "<u4" if integer else "<f4")
         view = {"buffer": 0, "byteOffset": len(self.buffer), "byteLength": arrays.nbytes}
         if target is not None:
             view["target"] = target
@@ -155,7 +155,7 @@ class _File:
             accessor = {
                 "bufferView": len(self.views),
                 "byteOffset": i * array.nbytes,
-                "componentType": UINT if whole else FLOAT,
+                "componentType": UINT if integer else FLOAT,
                 "count": len(array),
                 "type": kind,
             }
@@ -175,23 +175,23 @@ class _File:
     def morphing_mesh(
         self, name: str, surface: Surface, color: str, shapes: list[str], extras: dict[str, Any]
     ) -> None:
-        """Add a node with a mesh of its own that morphs, and a material of its own."""
+        """Add a node with its own morphing mesh and material."""
         base = surface.vertices[:1].astype("f4"), surface.normals[:1].astype("f4")
         position = self.store(base[0], "VEC3", VERTICES, bounds=True)
         normal = self.store(base[1], "VEC3", VERTICES)
-        # What is added to the base as it was rounded: so the sum is right to the last digit.
-        more = self.store(surface.vertices[1:] - base[0], "VEC3", VERTICES, bounds=True)
+        # Differences from the rounded base, so that the sums are right to the last digit.
+        moves = self.store(surface.vertices[1:] - base[0], "VEC3", VERTICES, bounds=True)
         turns = self.store(surface.normals[1:] - base[1], "VEC3", VERTICES)
         (indices,) = self.store(surface.triangles.reshape(1, -1), "SCALAR", INDICES)
         primitive = {
             "attributes": {"POSITION": position[0], "NORMAL": normal[0]},
             "indices": indices,
             "material": len(self.materials),
-            "targets": [{"POSITION": p, "NORMAL": n} for p, n in zip(more, turns, strict=True)],
+            "targets": [{"POSITION": p, "NORMAL": n} for p, n in zip(moves, turns, strict=True)],
         }
-        surface_of = {"baseColorFactor": _linear(color), "metallicFactor": 0.0}
+        look = {"baseColorFactor": _linear(color), "metallicFactor": 0.0}
         self.materials.append(
-            {"name": name, "pbrMetallicRoughness": surface_of | {"roughnessFactor": 0.6}}
+            {"name": name, "pbrMetallicRoughness": look | {"roughnessFactor": 0.6}}
         )
         self.nodes.append({"name": name, "mesh": len(self.meshes), "extras": extras})
         self.meshes.append(

@@ -11,17 +11,16 @@ from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
 from ..scene.keyframes import check_steps
 
-RATE = 100.0  # rows a second, besides those at the time steps
-MOST = 100_000  # regular rows; of a motion beyond a quarter of an hour they are farther apart
-SAME = 1e-6  # s; a regular row this near to a time step would be the same row again
+ROW_RATE = 100.0  # rows per second, besides those at the time steps
+MAX_ROWS = 100_000  # besides those; motions of more than a quarter of an hour get a lower rate
+TIME_TOL = 1e-6  # s; a regular row closer to a time step would duplicate it
 
 
 def write_sto(plan: Plan, path: str | Path) -> Path:
     """Write -activation of every muscle over time; returns the path.
 
-    Rows are 10 ms apart, or farther where there would be more than 100,000, from rest to the end
-    of the plan, with one more at each time step that falls between; values follow each phase's
-    interpolation.
+    Rows are 10 ms apart from rest to the end of the plan (farther apart if there would be more than
+    100,000), with another at each time step in between; values follow each phase's interpolation.
 
     Raises
     ------
@@ -44,17 +43,17 @@ def write_sto(plan: Plan, path: str | Path) -> Path:
 
 
 def sto_times(steps: np.ndarray) -> np.ndarray:
-    """Times of the rows in s: every 10 ms from 0, or rarer, and the time steps (H,)."""
-    rate = min(RATE, MOST / float(steps[-1]))
+    """Times of the rows in s: every 10 ms from 0, or fewer, and the time steps (H,)."""
+    rate = min(ROW_RATE, MAX_ROWS / float(steps[-1]))
     regular = np.arange(int(steps[-1] * rate) + 1) / rate
     after = np.searchsorted(steps, regular).clip(max=len(steps) - 1)
     nearest = np.minimum(np.abs(regular - steps[after]), np.abs(regular - steps[after - 1]))
-    kept = regular[(nearest > SAME) & (regular < steps[-1])]
+    kept = regular[(nearest > TIME_TOL) & (regular < steps[-1])]
     return np.sort(np.concatenate([kept, steps]))
 
 
 def _header(plan: Plan, rows: int, columns: int) -> list[str]:
-    """Lines before the column names. OpenSim keeps those without "=" as a comment."""
+    """Lines before the column names; OpenSim takes those without "=" as a comment."""
     largest = 0.0 - float(plan.activations.min(initial=0.0))
     return [
         plan.motion.name,
@@ -64,8 +63,8 @@ def _header(plan: Plan, rows: int, columns: int) -> list[str]:
         "inDegrees=no",
         "",
         "Units are S.I. units (second). Each column is a muscle of the trunk and holds minus the",
-        "activation gamma of the model, in which negative values contract; so here, as OpenSim",
-        "has it, 0 is passive and positive contracts. Values are not cut off or scaled: gamma is a",
+        "activation gamma of the model, in which negative values contract. So here, as in OpenSim,",
+        "0 is passive and positive values contract. Values are not clipped or scaled: gamma is a",
         f"strain of the fibers and may exceed OpenSim's 1 (largest here {largest:.4g}); divide by",
         "the strongest contraction you allow if your muscles need 0 to 1.",
         "",

@@ -1,6 +1,6 @@
-"""Muscles and centerline as VTK files, one for each time step, with .pvd collections of times.
+"""Muscles and centerline as VTK files, one for each time step, with .pvd files that list them.
 
-Coordinates are the model's: X forwards, Y to the right, Z down, in m.
+Coordinates are the model's: X forward, Y to the right, Z down, in m.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ..rod.shape import Shape
 from ..scene.body import Body, muscle_body, trunk_body
 from ..scene.keyframes import Keyframes, at_steps
 
-PIECES = 40  # of the centerline in each segment
-TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
+LINE_PIECES = 40  # of the centerline, in each segment
+VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
 
 
 def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
     """Write `muscles.pvd` and `centerline.pvd`, which ParaView opens, and the files they list.
 
-    A file for each time step, and one more a millisecond after those at which loads jump.
+    There is a file for each time step, and another one millisecond after each jump of the loads.
 
-    The triangles of all muscles are cells with the arrays `muscle` (index in an activation
-    vector; the field array `muscle_names` names them), `activation`, `segment` (1 is at the base)
-    and `side` (1 right, -1 left). A trunk without muscles is one surface, its muscle -1. The
-    centerline has `Z` in m and `moment` in N m, along the directors, at its points, and
-    `extension`, |dr/dZ| at the middle of each piece; segment ends are points.
+    The triangles of all muscles are cells with the arrays `muscle` (index in an activation vector;
+    the field array `muscle_names` has the names), `activation`, `segment` (1 is at the base) and
+    `side` (1 right, -1 left). A trunk without muscles is one surface with muscle -1. The centerline
+    has `Z` in m and `moment` in N m, in the directors, at its points, and `extension`, |dr/dZ|, at
+    the middle of each piece; the ends of segments are points.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
         write(path, content)
     for path, content in zip(lines, _line_files(trunk, frames), strict=True):
         write(path, content)
-    # Last, so that a collection never lists a file that is not there yet.
+    # Last, so that a collection never lists a file that does not exist yet.
     return (
         write(folder / "muscles.pvd", _collection(frames.times, muscles)),
         write(folder / "centerline.pvd", _collection(frames.times, lines)),
@@ -79,7 +79,7 @@ def _muscle_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
 
 
 def _bodies(trunk: Trunk, shape: Shape) -> tuple[list[Body], list[tuple[int, int, int]]]:
-    """Bodies of all muscles and their (muscle, segment, side)."""
+    """Bodies of all muscles, and (muscle, segment, side) of each."""
     if not trunk.subdomains:
         return [trunk_body(trunk, shape)], [(-1, 0, 0)]
     bodies = [muscle_body(trunk, muscle, shape) for muscle in trunk.subdomains]
@@ -92,7 +92,7 @@ def _bodies(trunk: Trunk, shape: Shape) -> tuple[list[Body], list[tuple[int, int
 
 def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
     ends = zip(trunk.edges[:-1], trunk.edges[1:], strict=True)
-    Z = np.unique(np.concatenate([np.linspace(a, b, PIECES + 1) for a, b in ends]))
+    Z = np.unique(np.concatenate([np.linspace(a, b, LINE_PIECES + 1) for a, b in ends]))
     cells = np.stack([np.arange(len(Z) - 1), np.arange(1, len(Z))], axis=-1)
     points, moment = frames.shape.position(Z), frames.shape.moment(Z)
     extension, _ = frames.shape.strain((Z[:-1] + Z[1:]) / 2)
@@ -111,9 +111,9 @@ def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
 
 @dataclass(frozen=True, eq=False)
 class PolyData:
-    """A VTK surface or line in the file format of XML (.vtp).
+    """A VTK surface or line, to be written as XML (.vtp).
 
-    points (v, 3); cells (c, k) of one kind, "Polys" or "Lines"; arrays of cells (c, ...) and of
+    points (v, 3); cells (c, k) of one kind, "Polys" or "Lines"; arrays on cells (c, ...) and on
     points (v, ...); time in s.
     """
 
@@ -126,7 +126,7 @@ class PolyData:
     time: float = 0.0
 
     def xml(self) -> bytes:
-        """The file."""
+        """Contents of the file."""
         count, corners = self.cells.shape
         offsets = np.arange(1, count + 1, dtype="i4") * corners
         lines = [
@@ -154,10 +154,10 @@ class PolyData:
 def _array(name: str, values: np.ndarray, count: str = "") -> str:
     """A `DataArray` (n, ...): base64 of a header (blocks, size, last size, packed size) and data.
 
-    count : attribute for the number of values, which field data need.
+    count : name of the attribute with the number of values, which field data need.
     """
     values = np.ascontiguousarray(values)
-    kind = TYPES[values.dtype.str[1:]]
+    kind = VTK_TYPES[values.dtype.str[1:]]
     raw = values.astype(values.dtype.newbyteorder("<")).tobytes()
     packed = zlib.compress(raw, 6)
     header = np.array([1, len(raw), 0, len(packed)], dtype="<u4").tobytes()
@@ -171,7 +171,7 @@ def _array(name: str, values: np.ndarray, count: str = "") -> str:
 
 
 def _names(names: tuple[str, ...]) -> list[str]:
-    """Names of the muscles, as VTK writes text: character codes, each name ended by a zero."""
+    """Names of the muscles in VTK's format for text: character codes, a zero after each name."""
     if not names:
         return []
     codes = " ".join(str(code) for name in names for code in (*name.encode(), 0))
@@ -180,7 +180,7 @@ def _names(names: tuple[str, ...]) -> list[str]:
 
 
 def _collection(times: np.ndarray, paths: list[Path]) -> bytes:
-    """A .pvd file, which tells ParaView the time of each file."""
+    """A .pvd file, which gives ParaView the time of each file."""
     entries = [
         f'<DataSet timestep="{time!r}" part="0" file={quoteattr(path.name)}/>'
         for time, path in zip(times.tolist(), paths, strict=True)

@@ -1,1 +1,1 @@
-"""What there is to draw, decided once for figures, page and files."""
+"""What is drawn, decided once for figures, films, the page and files: trunk and surroundings."""

@@ -1,15 +1,15 @@
 """The trunk as a body: where each muscle's material is in a deformed shape.
 
-A point (R, Theta, Z) of the initial trunk is carried along with its cross-section,
+A point (R, Theta, Z) of the initial trunk moves with its cross-section,
 
     x = r(Z) + s f(Z) R (cos Theta d_1 + sin Theta d_2),
 
-R being its radius at Z = 0 (eq. 29). The section's own change s is one number for a shape, as in
-eq. (30), and such that the whole trunk keeps its volume. Eq. (30)'s 1 / sqrt(mean extension), which
-the rod's stiffness has, does that only where all sections extend alike; in lifting a log, where
-the thick base shortens by a third and the thin tip does not, it would lose up to 12 % of the
-volume, 6 % of the radius. Sections stay plane and round, so a single muscle's volume in a bent
-trunk is not that of its tissue.
+where R is its radius at Z = 0 (eq. 29). The scale s of the sections is one number for a shape, as
+in eq. (30), chosen so that the whole trunk keeps its volume. The factor 1 / sqrt(mean extension) of
+eq. (30), which the rod's stiffness uses, does that only if all sections extend equally. When the
+trunk lifts a log, the thick base shortens by a third and the thin tip does not: that factor would
+lose up to 12 % of the volume, 6 % of the radius. Sections stay plane and round, so the volume of a
+single muscle in a bent trunk is not exactly that of its tissue.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ..model.anatomy import Muscle, Trunk
 from ..rod.collocation import gauss
 from ..rod.shape import Shape
 
-ARC = np.radians(7.5)  # largest angle between two points of an arc
+MAX_ARC_STEP = np.radians(7.5)  # between two points of an arc
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
     """Cross-sections of H shapes at n points.
 
-    Z (n,) in m; position (H, n, 3) in m; directors (H, n, 3, 3), row i is d_i; scale (H, n),
-    what a radius at Z = 0 of the initial trunk has become.
+    Z (n,) in m; position (H, n, 3) in m; directors (H, n, 3, 3), row i is d_i; scale (H, n), the
+    factor on a radius at Z = 0 of the initial trunk.
     """
 
     Z: np.ndarray
@@ -46,7 +46,7 @@ def frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Frames:
     Raises
     ------
     InputError
-        For shapes of no or several batch axes.
+        If the shapes do not have exactly one batch axis.
     """
     if shape.states.ndim != 4:
         raise InputError(f"shape: expected one batch axis, got {shape.states.ndim - 3}.")
@@ -55,7 +55,7 @@ def frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Frames:
 
 
 def section_scale(trunk: Trunk, shape: Shape) -> np.ndarray:
-    """Change s of all radii that keeps each shape's volume, (H,)."""
+    """Factor s on all radii that keeps the volume of each shape, (H,)."""
     mesh = shape.mesh
     weights = mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)
     stretch = np.linalg.norm(shape.slopes, axis=-1)  # |dr/dZ| (H, elements, degree)
@@ -67,29 +67,29 @@ def section_scale(trunk: Trunk, shape: Shape) -> np.ndarray:
 def outline(muscle: Muscle) -> np.ndarray:
     """Outline (m, 2) of a muscle's cross-section at Z = 0, in m along d_1 and d_2.
 
-    Counter-clockwise: the outer arc, then the inner one back, or the center if there is none.
+    Counter-clockwise: the outer arc, then the inner arc backwards, or the center if there is none.
     """
     inner, outer = muscle.radii
     first, second = muscle.sector
-    Theta = np.linspace(first, second, 1 + _pieces(second - first))
+    Theta = np.linspace(first, second, 1 + _arc_steps(second - first))
     arc = np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
     return np.concatenate([outer * arc, inner * arc[::-1] if inner > 0 else np.zeros((1, 2))])
 
 
 def disc(radius: float) -> np.ndarray:
     """Outline (m, 2) of the whole trunk at Z = 0, counter-clockwise."""
-    Theta = np.linspace(0, 2 * np.pi, 1 + _pieces(2 * np.pi))[:-1]
+    Theta = np.linspace(0, 2 * np.pi, 1 + _arc_steps(2 * np.pi))[:-1]
     return radius * np.stack([np.cos(Theta), np.sin(Theta)], axis=-1)
 
 
-def _pieces(angle: float) -> int:
-    """Straight pieces of an arc; not one more for an angle's last digit."""
-    return max(1, int(np.ceil(angle / ARC - 1e-9)))
+def _arc_steps(angle: float) -> int:
+    """Number of straight pieces of an arc; round-off in the angle does not add one."""
+    return max(1, int(np.ceil(angle / MAX_ARC_STEP - 1e-9)))
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A closed surface that moves: vertices (H, v, 3) in m, triangles (t, 3) seen from outside."""
+    """A closed moving surface: vertices (H, v, 3) in m, triangles (t, 3) seen from outside."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -105,7 +105,7 @@ class Body:
 def swept(section: np.ndarray, at: Frames, caps: np.ndarray) -> Body:
     """The body that an outline (m, 2) sweeps along cross-sections.
 
-    caps : (k, 3), triangles between the outline's points that fill it, counter-clockwise.
+    caps : (k, 3), counter-clockwise triangles between the outline's points that fill it.
     """
     n, m = at.Z.size, len(section)
     radial = section * at.scale[..., None, None]  # (H, n, m, 2)
@@ -118,7 +118,7 @@ def swept(section: np.ndarray, at: Frames, caps: np.ndarray) -> Body:
 
 
 def muscle_body(trunk: Trunk, muscle: Muscle, shape: Shape, sections: int = 24) -> Body:
-    """A muscle's subdomain in shapes (H,), on a number of cross-sections."""
+    """The subdomain of a muscle in shapes (H,), on a number of cross-sections."""
     start, end = trunk.edges[muscle.segment], trunk.edges[muscle.segment + 1]
     Z = np.linspace(start, end, sections)
     section = outline(muscle)
@@ -128,14 +128,29 @@ def muscle_body(trunk: Trunk, muscle: Muscle, shape: Shape, sections: int = 24) 
 def trunk_body(trunk: Trunk, shape: Shape, sections: int = 120) -> Body:
     """The whole trunk in shapes (H,)."""
     Z = np.linspace(0.0, trunk.length, sections)
-    section = disc(trunk.base_radius)
+    return round_body(disc(trunk.base_radius), frames(trunk, shape, Z))
+
+
+def core_body(trunk: Trunk, segment: int, shape: Shape, sections: int) -> Body:
+    """The tissue inside the muscles of a segment, in shapes (H,), on a number of cross-sections."""
+    Z = np.linspace(trunk.edges[segment], trunk.edges[segment + 1], sections)
+    return round_body(disc(core_radius(trunk, segment)), frames(trunk, shape, Z))
+
+
+def core_radius(trunk: Trunk, segment: int) -> float:
+    """Radius in m at Z = 0 of the core that no muscle of a segment reaches into."""
+    inner = (muscle.radii[0] for muscle in trunk.subdomains if muscle.segment == segment)
+    return min(inner, default=trunk.base_radius)
+
+
+def round_body(section: np.ndarray, at: Frames) -> Body:
+    """The body that a round outline (m, 2) sweeps along cross-sections."""
     fan = np.arange(1, len(section) - 1)
-    caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
-    return swept(section, frames(trunk, shape, Z), caps)
+    return swept(section, at, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1))
 
 
 def _band(m: int, hollow: bool) -> np.ndarray:
-    """Triangles (k, 3) that fill an annular sector's outline, or a sector's about its center."""
+    """Triangles (k, 3) that fill the outline of an annular sector, or of a sector if not hollow."""
     if not hollow:
         fan = np.arange(m - 2)
         return np.stack([fan, fan + 1, np.full_like(fan, m - 1)], axis=-1)

@@ -1,14 +1,20 @@
-"""One color code for muscle groups and what hangs at the tip: figures, film, page and files."""
+"""Colors of muscle groups and of the tip mass, the same in figures, film, page and files."""
 
 from __future__ import annotations
 
 from ..model.anatomy import Trunk
 
-# Okabe & Ito's palette, which people with any color vision tell apart. The elephant's groups by
-# name; those of other trunks in the order they appear.
-MUSCLES = {"dl": "#0072B2", "ovo": "#D55E00", "ivo": "#E69F00", "dr": "#009E73", "vr": "#CC79A7"}
-MASS = "#7A3B69"  # what hangs at the tip
-OTHERS = ("#56B4E9", "#882255", "#999933", "#332288", "#6B6B6B", "#44AA99", "#AA4499")
+# Okabe & Ito's palette, which people with any color vision can distinguish. The elephant's groups
+# by name; those of other trunks in the order they appear.
+GROUP_COLORS = {
+    "dl": "#0072B2",
+    "ovo": "#D55E00",
+    "ivo": "#E69F00",
+    "dr": "#009E73",
+    "vr": "#CC79A7",
+}
+MASS = "#7A3B69"  # the mass that hangs on the tip
+EXTRA_COLORS = ("#56B4E9", "#882255", "#999933", "#332288", "#6B6B6B", "#44AA99", "#AA4499")
 
 
 def groups(trunk: Trunk) -> tuple[str, ...]:
@@ -18,6 +24,6 @@ def groups(trunk: Trunk) -> tuple[str, ...]:
 
 def group_colors(trunk: Trunk) -> dict[str, str]:
     """Color "#RRGGBB" of each muscle group of a trunk."""
-    known = {group: MUSCLES[group] for group in groups(trunk) if group in MUSCLES}
-    others = [group for group in groups(trunk) if group not in MUSCLES]
-    return known | {group: OTHERS[i % len(OTHERS)] for i, group in enumerate(others)}
+    known = {group: GROUP_COLORS[group] for group in groups(trunk) if group in GROUP_COLORS}
+    rest = [group for group in groups(trunk) if group not in GROUP_COLORS]
+    return known | {group: EXTRA_COLORS[i % len(EXTRA_COLORS)] for i, group in enumerate(rest)}

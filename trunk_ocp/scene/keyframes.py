@@ -1,4 +1,4 @@
-"""The moments of a plan that are drawn: the passive start, the time steps, and some between."""
+"""Key frames for files that blend between them: rest, the time steps, and some in between."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ..errors import InputError, StaticsError
 from ..planning.plan import Plan, Sample
 from ..rod.shape import Shape
 
-NEAR = 0.03 / 1.75  # of the trunk's length, between it and the mean of its neighbors' positions
-HALVINGS = 5  # at most, between two time steps
-HOLD = 1e-3  # s; how long a jump takes, since moments of a file cannot coincide
+BLEND_TOL = 0.03 / 1.75  # of the trunk's length; larger errors of a blend get a key frame between
+MAX_HALVINGS = 5  # between two time steps
+JUMP_DURATION = 1e-3  # s, because key frames of a file cannot coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class Keyframes:
     """The moving trunk at n times, all different.
 
     times (n,) in s; activation (n, muscles); shape with batch axis (n,); held (n,), whether the
-    trunk stays as it was until this time, and then jumps. Where loads jump, the time step is
-    followed within `HOLD` by the trunk under its new loads.
+    trunk keeps its shape until this time, and then jumps. Where loads jump, the time step is
+    followed within `JUMP_DURATION` by the trunk under its new loads.
     """
 
     times: np.ndarray
@@ -48,15 +48,15 @@ def check_steps(plan: Plan) -> None:
 
 
 def at_steps(plan: Plan) -> Keyframes:
-    """The passive start and every planned step, with what follows at once where loads jump."""
+    """Rest and every planned step; where loads jump, also the trunk just after the jump."""
     return _keyframes(plan, _jumped(plan), [[] for _ in plan.x])
 
 
-def with_between(plan: Plan) -> Keyframes:
-    """Every step, and in between as many moments as straight lines need to come near the motion.
+def for_blending(plan: Plan) -> Keyframes:
+    """Every step, and as many key frames between as blending needs to stay near the motion.
 
-    Halfway from the passive trunk to the fruit, the mean of the two shapes would have lost a
-    quarter of its volume.
+    Blending moves points along straight lines: halfway from rest to the fruit, the mean of the
+    two shapes would have lost a quarter of its volume.
     """
     check_steps(plan)
     Z, jumped = np.linspace(0.0, plan.motion.trunk.length, 9), _jumped(plan)
@@ -68,7 +68,8 @@ def with_between(plan: Plan) -> Keyframes:
     ]
     spans = zip(times, starts, times[1:], ends[1:], _held(plan), strict=False)
     between = [
-        [] if held else _between(plan, Z, (t, a), (u, b), HALVINGS) for t, a, u, b, held in spans
+        [] if held else _between(plan, Z, (t, a), (u, b), MAX_HALVINGS)
+        for t, a, u, b, held in spans
     ]
     return _keyframes(plan, jumped, between)
 
@@ -80,15 +81,15 @@ def _between(
     b: tuple[float, np.ndarray],
     halvings: int,
 ) -> list[tuple[float, np.ndarray, Shape]]:
-    """Moments (time, activation, shape) between two with positions at Z, by halving."""
+    """Key frames (time, activation, shape) between a and b (time, positions at Z), by halving."""
     time = (a[0] + b[0]) / 2
     try:
         sample = plan.sample(time)
-    except StaticsError:  # no equilibrium in between: a straight line is all there is
+    except StaticsError:  # no equilibrium in between: a straight line must do
         return []
     here = sample.shape.position(Z)
-    near = NEAR * plan.motion.trunk.length
-    if not halvings or np.linalg.norm((a[1] + b[1]) / 2 - here, axis=-1).max() < near:
+    tolerance = BLEND_TOL * plan.motion.trunk.length
+    if not halvings or np.linalg.norm((a[1] + b[1]) / 2 - here, axis=-1).max() < tolerance:
         return []
     middle = (time, here)
     return [
@@ -105,12 +106,12 @@ def _held(plan: Plan) -> list[bool]:
 
 
 def _jumped(plan: Plan) -> dict[float, Sample]:
-    """The trunk right after each jump of the loads, by its time in s, where it has a shape."""
-    found = {}
+    """The trunk just after each jump of the loads, by time in s, if it has an equilibrium."""
+    samples = {}
     for time in plan.jumps:
         with contextlib.suppress(StaticsError):
-            found[time] = plan.sample(time, after=True)
-    return found
+            samples[time] = plan.sample(time, after=True)
+    return samples
 
 
 def _keyframes(
@@ -118,19 +119,19 @@ def _keyframes(
     jumped: Mapping[float, Sample],
     between: Sequence[Sequence[tuple[float, np.ndarray, Shape]]],
 ) -> Keyframes:
-    """Join the start, the steps, what comes before each of them and what follows a jump."""
+    """Join rest, the steps, the key frames before each of them and those after jumps."""
     check_steps(plan)
     steps = plan.times.tolist()
     rest = plan.sample(0.0)
     times, activation, held = [0.0], [rest.activation], [False]
     shapes = [rest.shape]
-    for i, (moments, hold) in enumerate(zip(between, _held(plan), strict=True)):
+    for i, (frames, hold) in enumerate(zip(between, _held(plan), strict=True)):
         after = jumped.get(steps[i])
         if after is not None:
-            following = moments[0][0] if moments else steps[i + 1]
-            soon = steps[i] + min(HOLD, (following - steps[i]) / 2)
-            moments = [(soon, after.activation, after.shape), *moments]
-        for time, gamma, shape in moments:
+            following = frames[0][0] if frames else steps[i + 1]
+            soon = steps[i] + min(JUMP_DURATION, (following - steps[i]) / 2)
+            frames = [(soon, after.activation, after.shape), *frames]
+        for time, gamma, shape in frames:
             times.append(time)
             activation.append(gamma)
             shapes.append(shape)
@@ -139,5 +140,5 @@ def _keyframes(
         activation.append(plan.activations[i])
         shapes.append(plan.shape[i])
         held.append(hold)
-    stacked = Shape.stack(shapes, plan.mesh)
-    return Keyframes(np.array(times), np.array(activation), stacked, np.array(held))
+    shape = Shape.stack(shapes, plan.mesh)
+    return Keyframes(np.array(times), np.array(activation), shape, np.array(held))

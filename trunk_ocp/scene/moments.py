@@ -1,4 +1,4 @@
-"""Which moments of a motion a picture shows, and the trunk's shape at each."""
+"""Moments of a motion to draw: which times show it, and the trunk's shape at each."""
 
 from __future__ import annotations
 
@@ -10,61 +10,67 @@ from ..errors import TrunkError
 from ..model.loads import Loads
 from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
+from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
 
-SAME = 1e-9  # s; times as near as this are one
+TIME_TOL = 1e-9  # s; times closer than this are the same
 
 
 @dataclass(frozen=True, eq=False)
-class Instant:
-    """The trunk at a time in s: activations (muscles,), and its shape with a batch axis of 1.
+class Moment:
+    """The trunk at a time in s: activation (muscles,), head (2,) in rad, shape of batch (1,).
 
     `after` is set on the later side of a jump of the loads.
     """
 
     time: float
     activation: np.ndarray
+    head: np.ndarray
     shape: Shape
     after: bool = False
 
 
 def end_of(plan: Plan) -> float:
-    """Time in s until which a plan goes; 0 if nothing was planned."""
+    """Time in s at which a plan ends; 0 if it has no time steps."""
     return plan.motion.steps[len(plan.x) - 1].time if len(plan.x) else 0.0
 
 
-def instants(plan: Plan, times: np.ndarray, phase: int | None = None) -> list[Instant]:
-    """The trunk at times in s; where no shape can be had, as in a failed plan, none is given.
+def moments_at(plan: Plan, times: np.ndarray, phase: int | None = None) -> list[Moment]:
+    """Moments of a plan at times in s, sorted; those without an equilibrium are left out.
 
-    Where loads jump both sides, one after the other; of a phase, with its number, only its own.
+    Where loads jump there are two: before and after. With a phase, given by its number, only the
+    side that belongs to it.
     """
     values = plan.trajectory
-    count = len(plan.motion.trunk.muscles)
-    found = []
+    moments = []
     for time in np.unique(times).tolist():
         x = values[0] if time == 0 else interpolate(plan.motion, values, time)
         for after in _sides(plan, time, phase):
             shape = _shape(plan, time, after)
             if shape is not None:
-                found.append(Instant(time, x[:count], shape, after))
-    return found
+                moments.append(Moment(time, x[:-2], x[-2:], shape, after))
+    return moments
 
 
 def _sides(plan: Plan, time: float, phase: int | None) -> tuple[bool, ...]:
     """Before or after a jump of the loads, or both."""
-    if not any(abs(jump - time) < SAME for jump in plan.jumps):
+    if not any(abs(jump - time) < TIME_TOL for jump in plan.jumps):
         return (False,)
     if phase is None:
         return False, True
-    start = plan.motion.phases[phase - 1].end if phase else 0.0
-    return (abs(start - time) < SAME,)
+    return (abs(_start(plan.motion, phase) - time) < TIME_TOL,)
+
+
+def _start(motion: Motion, phase: int) -> float:
+    return motion.phases[phase - 1].end if phase else 0.0
 
 
 def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
+    """Shape (1,) at a time; None if the trunk has no equilibrium, as in a plan that failed."""
     steps = plan.motion.times[: len(plan.x)]
-    same = np.flatnonzero(np.abs(steps - time) < SAME)
-    if same.size and not after:  # planned, so not solved for again
+    same = np.flatnonzero(np.abs(steps - time) < TIME_TOL)
+    if same.size and not after:  # the planned shape, not another solve
         return plan.part(int(same[0]), int(same[0]) + 1)
     try:
         if time == 0 and not after:
@@ -77,10 +83,15 @@ def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
         return None
 
 
-def within_phase(plan: Plan, number: int, count: int = 4) -> np.ndarray:
+def phase_at(motion: Motion, time: float, after: bool = False) -> int:
+    """Number of the phase that leads to a time in s; `after` at a phase's end, of the next."""
+    ends = [phase.end for phase in motion.phases[:-1]]
+    return int(np.searchsorted(ends, time + (TIME_TOL if after else -TIME_TOL)))
+
+
+def times_of_phase(plan: Plan, number: int, count: int = 4) -> np.ndarray:
     """Times in s that show a phase from start to end; its steps where nothing is in between."""
-    end = end_of(plan)
-    start = plan.motion.phases[number - 1].end if number else 0.0
+    start, end = _start(plan.motion, number), end_of(plan)
     phase = plan.motion.phases[number]
     if start >= end:
         return np.zeros(0)
@@ -91,10 +102,10 @@ def within_phase(plan: Plan, number: int, count: int = 4) -> np.ndarray:
     return times
 
 
-def through(plan: Plan, count: int = 5) -> np.ndarray:
+def times_of_motion(plan: Plan, count: int = 5) -> np.ndarray:
     """Times in s that show a whole motion: the ends of its phases, and the middle of long ones."""
     end = end_of(plan)
-    ends = [phase.end for phase in plan.motion.phases if phase.end < end - 1e-9] + [end]
+    ends = [phase.end for phase in plan.motion.phases if phase.end < end - TIME_TOL] + [end]
     if len(ends) > count:
         return np.asarray(ends)[np.linspace(0, len(ends) - 1, count).round().astype(int)]
     times = [0.0, *ends]
@@ -108,7 +119,7 @@ def curve_times(plan: Plan, count: int = 200) -> np.ndarray:
     """Times in s for smooth curves: even ones, all steps, and just before each for what jumps."""
     steps = plan.motion.times[: len(plan.x)]
     even = np.linspace(0, end_of(plan), count)
-    return np.unique(np.concatenate([even, steps, steps - SAME]))
+    return np.unique(np.concatenate([even, steps, steps - TIME_TOL]))
 
 
 def curves(plan: Plan, times: np.ndarray) -> np.ndarray:

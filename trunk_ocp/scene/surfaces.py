@@ -1,4 +1,4 @@
-"""Surfaces of muscles as viewers want them: coarse enough to send, with normals to shade by."""
+"""Surfaces of muscles for 3D viewers: coarse enough to send, with normals for shading."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.sparse.csgraph import connected_components
 
 from ..model.anatomy import Muscle, Trunk
 from ..rod.shape import Shape
-from .body import Body, disc, frames, outline, swept
+from .body import Body, disc, frames, outline, round_body, swept
 
-EDGE = np.cos(np.radians(30.0))  # surfaces that meet at more than 30 degrees are not one
+SMOOTH_COSINE = np.cos(np.radians(30.0))  # faces at a larger angle get an edge between them
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A closed moving surface with its edges cut open, so that each side has its own normals.
+    """A closed moving surface, cut open at its edges so that each side has its own normals.
 
     vertices (H, v, 3) in m; normals (H, v, 3), unit and outward; triangles (t, 3).
     """
@@ -30,15 +30,12 @@ class Surface:
 def coarse_body(trunk: Trunk, muscle: Muscle | None, shape: Shape, sections: int) -> Body:
     """A muscle, or the whole trunk, on every other point of its outline, in shapes (H,).
 
-    Its vertices are those of `geometry.muscle_body`: two points of an arc are 15 degrees apart at
-    most, so a cross-section is 1.1 % too small at most.
+    Its vertices are among those of `body.muscle_body`. Points of an arc are at most 15 degrees
+    apart, so a cross-section is at most 1.1 % too small.
     """
     if muscle is None:
-        section = disc(trunk.base_radius)[::2]
-        fan = np.arange(1, len(section) - 1)
-        caps = np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1)
         Z = np.concatenate([np.linspace(a, b, sections) for a, b in _segments(trunk)])
-        return swept(section, frames(trunk, shape, np.unique(Z)), caps)
+        return round_body(disc(trunk.base_radius)[::2], frames(trunk, shape, np.unique(Z)))
     section, caps = coarse_outline(muscle)
     start, end = _segments(trunk)[muscle.segment]
     return swept(section, frames(trunk, shape, np.linspace(start, end, sections)), caps)
@@ -49,7 +46,7 @@ def _segments(trunk: Trunk) -> list[tuple[float, float]]:
 
 
 def coarse_outline(muscle: Muscle) -> tuple[np.ndarray, np.ndarray]:
-    """Every other point (m, 2) of `geometry.outline`, ends kept, and the triangles (k, 3) in it."""
+    """Every other point (m, 2) of `body.outline`, ends included, and triangles (k, 3) in it."""
     section = outline(muscle)
     hollow = muscle.radii[0] > 0
     arc = len(section) // 2 if hollow else len(section) - 1
@@ -64,8 +61,8 @@ def coarse_outline(muscle: Muscle) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shaded(body: Body) -> Surface:
-    """Normals of a body, smooth but for the edges that its first shape has."""
-    flat = _face_normals(body)  # (H, t, 3), twice the area long
+    """A body with normals, smooth except at the edges of its first shape."""
+    flat = _face_normals(body)  # (H, t, 3), of length twice the area
     corners, index = np.unique(
         np.stack([body.triangles.ravel(), np.repeat(_patches(body, flat[0]), 3)], axis=-1),
         axis=0,
@@ -74,7 +71,7 @@ def shaded(body: Body) -> Surface:
     index = index.ravel()
     ones = np.ones(len(index))
     around = coo_array((ones, (index, np.repeat(np.arange(flat.shape[1]), 3)))).tocsr()
-    summed = np.stack([around @ one for one in flat])
+    summed = np.stack([around @ normals for normals in flat])
     return Surface(body.vertices[:, corners[:, 0]], _unit(summed), index.reshape(-1, 3))
 
 
@@ -91,7 +88,7 @@ def _patches(body: Body, flat: np.ndarray) -> np.ndarray:
     same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
     one, other = order[same] // 3, order[same + 1] // 3
     unit = _unit(flat)
-    smooth = np.einsum("ti,ti->t", unit[one], unit[other]) > EDGE
+    smooth = np.einsum("ti,ti->t", unit[one], unit[other]) > SMOOTH_COSINE
     count = len(triangles)
     joined = coo_array((smooth[smooth], (one[smooth], other[smooth])), shape=(count, count))
     patches: np.ndarray = connected_components(joined, directed=False)[1]
@@ -99,7 +96,7 @@ def _patches(body: Body, flat: np.ndarray) -> np.ndarray:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Unit vectors (..., 3); +Z for those without a direction, which glTF does not allow."""
+    """Unit vectors (..., 3); +Z for those of no length, because glTF allows no zero normals."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     safe = np.where(length > 0, length, 1.0)
     unit: np.ndarray = np.where(length > 0, vectors / safe, [0.0, 0.0, 1.0])

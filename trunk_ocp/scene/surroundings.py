@@ -1,35 +1,73 @@
-"""What a motion is about besides the trunk: the head, logs, what hangs at the tip, targets."""
+"""What surrounds the trunk in a plan: the head, logs, the mass at the tip, and the targets.
+
+Every figure, film and page takes its objects from here, so that all of them show the same ones.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..model.anatomy import Trunk
 from ..planning.plan import Plan
-from ..problem.motion import Motion
-from ..problem.problem_file import WrapSpec
+from ..problem.interpolation import interpolate
 from ..problem.targets import HeldDirection
+from ..rod.shape import Shape
+from .moments import TIME_TOL, Moment, phase_at
+
+MASS_DENSITY = 1000.0  # kg/m^3; nothing states the size of a tip mass, so it is a ball of water
+LENGTH_OVER_RADIUS = 12.0  # of a log of which only the radius is given; lift-log's own ratio
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """A cylinder about e_Y that the trunk wraps around: center (3,), radius and length in m."""
+    """A cylinder along e_Y that the trunk wraps around.
 
-    center: np.ndarray
+    radius and length in m; centers (H + 1, 3) in m, at rest and at each planned time step.
+    """
+
     radius: float
     length: float
+    centers: np.ndarray
+
+    def center(self, plan: Plan, time: float) -> np.ndarray:
+        """Center (3,) in m at a time in s; it follows each phase's interpolation, as the trunk."""
+        return interpolate(plan.motion, self.centers, time)
+
+
+@dataclass(frozen=True, eq=False)
+class TipMass:
+    """A ball that some phases hang on the tip: mass in kg, radius in m.
+
+    It waits at `place` (3,) in m until the first of those phases begins, at `taken` in s; once
+    released it is gone, because nothing says where it goes. `carried` has, phase by phase,
+    whether it hangs on the tip.
+    """
+
+    mass: float
+    radius: float
+    place: np.ndarray
+    taken: float
+    carried: tuple[bool, ...]
+
+    def center(self, plan: Plan, moment: Moment) -> np.ndarray | None:
+        """Center (3,) in m at a moment; None where it is gone."""
+        if self.carried[phase_at(plan.motion, moment.time, moment.after)]:
+            return _ahead_of_tip(moment.shape, self.radius)
+        return self.place if moment.time <= self.taken + TIME_TOL else None
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A target position (3,) in m, where the trunk got instead, and the wanted directions.
+    """A target of a time step: Z and position (3,) in m, where the trunk is, wanted directions.
 
-    Of a target that asks for directions only, the position is where the trunk's point got and
+    Of a target that asks for directions only, the position is where the trunk's point is, and
     `placed` is False.
     """
 
+    Z: float
     target: np.ndarray
     reached: np.ndarray
     directions: tuple[np.ndarray, ...]
@@ -47,58 +85,65 @@ def head_sphere(trunk: Trunk) -> tuple[np.ndarray, float] | None:
     return -head.pivot_radius * s, head.pivot_radius  # at rest the base is the origin
 
 
-def log_at(motion: Motion, step: int) -> Log | None:
-    """The log at a time step (from 0), if its phase wraps around one (eqs. 46-53)."""
-    wrap = motion.spec.phases[motion.steps[step].phase].wrap
-    if wrap is None:
+def logs(plan: Plan) -> list[Log]:
+    """Logs that a plan's motion wraps the trunk around (eqs. 46-54), one for each radius.
+
+    A log is there from rest to the end: before the trunk takes it and after it lets go, it lies
+    where it was.
+    """
+    steps = [step.log for step in plan.motion.steps]
+    placed = [log for log in steps if log is not None and log.center is not None]
+    cylinders = []
+    for radius in dict.fromkeys(log.radius for log in placed):
+        lengths = (log.length for log in placed if log.radius == radius)
+        length = next((length for length in lengths if length), LENGTH_OVER_RADIUS * radius)
+        center = next(log.center for log in placed if log.radius == radius)
+        centers = [center]
+        for log in steps[: len(plan.x)]:
+            if log is not None and log.radius == radius and log.center is not None:
+                center = log.center
+            centers.append(center)
+        cylinders.append(Log(radius, length, np.array(centers)))
+    return cylinders
+
+
+def tip_mass(plan: Plan) -> TipMass | None:
+    """The mass that phases hang on the tip; None if there is none, or the plan ends before."""
+    phases = plan.motion.spec.phases
+    mass = max(phase.loads.tip_mass for phase in phases)
+    carried = tuple(phase.loads.tip_mass > 0 for phase in phases)
+    numbers = [step.phase for step in plan.motion.steps[: len(plan.x)]]
+    first = next((i for i, number in enumerate(numbers) if carried[number]), None)
+    if mass <= 0 or first is None:
         return None
-    length, offset = _size(motion, wrap)
-    center = _wrap_center(motion, step, wrap)
-    # The couple -d W e_X of eq. (54) is that of a weight at a distance d toward -Y.
-    return Log(center - np.array([0.0, offset, 0]), wrap.log_radius, length)
+    radius = (3 * mass / (4 * math.pi * MASS_DENSITY)) ** (1 / 3)
+    before = plan.part(first - 1, first) if first else Shape.stack([plan.sample(0.0).shape])
+    taken = plan.motion.steps[first - 1].time if first else 0.0
+    place = _ahead_of_tip(before, radius)
+    return TipMass(mass, radius, place, taken, carried)
 
 
-def _wrap_center(motion: Motion, step: int, wrap: WrapSpec) -> np.ndarray:
-    """From the targets themselves, which know the origin; the wrap's come last of a step's."""
-    first = motion.steps[step].targets[-wrap.points]
-    angle = np.radians(wrap.angles_deg[0])
-    distance = wrap.log_radius + float(motion.trunk.radius(wrap.Z[0]))
-    assert first.position is not None
-    return np.asarray(first.position) - distance * np.array([np.sin(angle), 0, np.cos(angle)])
+def _ahead_of_tip(shape: Shape, radius: float) -> np.ndarray:
+    """Center (3,) of a ball that touches the tip along d3, in the first shape of a batch."""
+    tip = np.array([shape.trunk.length])
+    center: np.ndarray = shape.position(tip)[0, 0] + radius * shape.directors(tip)[0, 0, 2]
+    return center
 
 
-def _size(motion: Motion, wrap: WrapSpec) -> tuple[float, float]:
-    """Length and offset of the log; it is the same one before its weight is taken."""
-    for phase in motion.spec.phases:
-        if phase.loads.log is not None and phase.loads.log.radius == wrap.log_radius:
-            return phase.loads.log.length, phase.loads.log.offset
-    return 4 * wrap.log_radius, 0.0  # nothing says how long it is
-
-
-def marks(plan: Plan, step: int) -> list[Mark]:
-    """Targets of a time step (from 0) that have a weight, and what was reached."""
+def marks(plan: Plan, number: int) -> list[Mark]:
+    """Targets of a planned time step (from 0) that have a weight, and where the trunk is."""
     at = plan.verification.at
-    found = []
-    for target in plan.motion.steps[step].targets:
-        directions = []
-        for _, wanted, _ in target.pairs():
-            if isinstance(wanted, HeldDirection):
-                directions.append(at(wanted.step, wanted.Z)[1][wanted.director])
-            else:
-                directions.append(np.asarray(wanted))
-        reached, _ = at(step, target.Z)
+    step_marks = []
+    for target in plan.motion.steps[number].targets:
+        directions = tuple(
+            at(wanted.step, wanted.Z)[1][wanted.director]
+            if isinstance(wanted, HeldDirection)
+            else np.asarray(wanted)
+            for _, wanted, _ in target.pairs()
+        )
+        reached, _ = at(number, target.Z)
         if target.position is not None and target.position_weight > 0:
-            found.append(Mark(np.asarray(target.position), reached, tuple(directions)))
+            step_marks.append(Mark(target.Z, np.asarray(target.position), reached, directions))
         elif directions:
-            found.append(Mark(reached, reached, tuple(directions), placed=False))
-    return found
-
-
-def steps_of(plan: Plan, number: int) -> list[int]:
-    """Planned time steps (from 0) of a phase."""
-    return [i for i, s in enumerate(plan.motion.steps[: len(plan.x)]) if s.phase == number]
-
-
-def carried(motion: Motion, number: int) -> float:
-    """Mass in kg that hangs at the tip during a phase."""
-    return motion.spec.phases[number].loads.tip_mass
+            step_marks.append(Mark(target.Z, reached, reached, directions, placed=False))
+    return step_marks

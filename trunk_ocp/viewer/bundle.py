@@ -1,7 +1,7 @@
 """One HTML file from template, style, viewer modules, three.js and data.
 
-The viewer is written as ES modules, which a browser does not load from disk. Its modules share
-one scope in the page: in the order of `MODULES`, without their import lines and export keywords.
+The viewer is written as ES modules, which browsers do not load from disk. In the page they share
+one scope: in the order of `MODULES`, without import lines and export keywords.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
 def page(data: dict[str, Any]) -> str:
-    """Text of the page that shows what `payload` returns."""
+    """Text of the page for the data that `payload` returns."""
     parts = {
         "title": html.escape(data["title"]),
         "style": _read("viewer/style.css"),
@@ -27,18 +27,18 @@ def page(data: dict[str, Any]) -> str:
         "data": embedded(data),
         "viewer": "\n".join(_module(name) for name in MODULES),
     }
-    # One pass, so that a part is never searched for the name of another.
+    # In one pass, so that {{names}} inside a part are never replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read("viewer/page.html"))
 
 
 def embedded(data: dict[str, Any]) -> str:
-    """JSON that may stand in a script element: nothing in it can end the element."""
+    """JSON that is safe inside a script element: nothing in it can end the element."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _module(name: str) -> str:
-    """A module of the viewer, fit to stand in one scope with the others."""
+    """A module of the viewer without imports and exports, to share one scope with the others."""
     return EXPORT.sub("", IMPORT.sub("", _read(f"viewer/{name}.js")))
 
 

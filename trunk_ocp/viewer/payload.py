@@ -1,14 +1,13 @@
-"""What the page is told: the moving trunk's cross-sections, its muscles and what they act on.
+"""What the page gets: the moving trunk's cross-sections, its muscles and its surroundings.
 
-Not surfaces but what makes them: centerline, quaternions and section scale at some 50 points of
-the trunk and up to some 120 instants. The page computes x = r + s f (X d_1 + Y d_2) itself, as
-`body` does, and is a fifth of the size. Arrays are float32 in base64.
+Not surfaces but what makes them: centerline, quaternions and section scale at about 50 points of
+the trunk and up to 120 times. The page computes x = r + s f (X d_1 + Y d_2) itself, as
+`scene.body` does; that is a fifth of the size. Arrays are float32 in base64.
 """
 
 from __future__ import annotations
 
 import base64
-import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,25 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, StaticsError
+from ..errors import InputError
 from ..model.anatomy import Muscle, Trunk
-from ..model.head import base_pose
-from ..model.quaternions import about_y, about_z, directors, product
-from ..planning.plan import Plan, Sample, Status
+from ..planning.plan import Plan, Status
 from ..problem.interpolation import with_marks
-from ..problem.motion import Motion
+from ..problem.motion import Motion, Step
 from ..rod.shape import Shape
-from ..scene.body import frames, outline
-from ..scene.carried import arrows, carried, targets
-from ..scene.colors import group_colors
+from ..scene.body import core_radius, frames, outline
+from ..scene.colors import MASS, group_colors
+from ..scene.moments import Moment, moments_at, phase_at
+from ..scene.surroundings import Mark, head_sphere, logs, marks, tip_mass
 
 SECTIONS = 48  # cross-sections along the trunk, about
-RATE = 25.0  # samples for each second of motion
-FEWEST, MOST = 24, 120  # samples of a motion, however short or long
+SAMPLE_RATE = 25.0  # per second of motion
+MIN_SAMPLES, MAX_SAMPLES = 24, 120  # of a motion, however short or long
 
 
 def payload(plans: Sequence[Plan]) -> dict[str, Any]:
-    """Everything the page shows, as JSON takes it."""
+    """Everything the page shows, ready for JSON."""
     spec = plans[0].motion.spec
     return {
         "name": spec.name,
@@ -45,84 +43,139 @@ def payload(plans: Sequence[Plan]) -> dict[str, Any]:
 
 
 def _plan(plan: Plan) -> dict[str, Any]:
-    trunk = plan.motion.trunk
-    samples = _samples(plan)
-    grid = section_grid(trunk)
-    shape = Shape.stack([sample.shape for sample in samples])
-    motion, J = plan.motion, plan.objective.paper
+    moments = _moments(plan)
+    times = [moment.time for moment in moments]
+    grid = section_grid(plan.motion.trunk)
+    return {
+        **_outcome(plan),
+        # Unrounded: rounding must not move a time to the other side of a jump.
+        "times": times,
+        "jumps": list(plan.jumps),
+        "held": _held(plan.motion, times),
+        "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
+        "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
+        "trunk": _trunk(plan.motion.trunk, grid),
+        "frames": _frames(plan, moments, grid.Z),
+        "activation": encoded(np.array([moment.activation for moment in moments])),
+        "head": encoded(np.array([moment.head for moment in moments])),
+        "pivot": _pivot(plan.motion.trunk),
+        "objects": [*_logs(plan, moments), *_mass(plan, moments)],
+        "targets": _targets(plan),
+        "arrows": _arrows(plan),
+    }
+
+
+def _outcome(plan: Plan) -> dict[str, Any]:
+    J = plan.objective.paper
     return {
         "mode": plan.mode,
         "status": plan.status.value,
         "solved": plan.status is Status.SOLVED,
         "objective": J if math.isfinite(J) else None,
-        # With all their digits: on which side of a jump a time is must not depend on rounding.
-        "times": [sample.time for sample in samples],
-        "jumps": list(plan.jumps),
-        "held": _held(motion, [sample.time for sample in samples]),
-        "steps": [float(t) for t in motion.times[: len(plan.x)]],
-        "phases": [{"name": phase.name, "end": phase.end} for phase in motion.phases],
-        "trunk": _trunk(trunk, grid),
-        "frames": _frames(trunk, shape, grid.Z),
-        "activation": encoded(np.array([sample.activation for sample in samples])),
-        "head": encoded(np.array([sample.head for sample in samples])),
-        "pivot": _pivot(trunk),
-        "objects": [
-            {**thing.description, "center": encoded(thing.center)}
-            for thing in carried(plan, samples, shape)
-        ],
-        "targets": targets(plan),
-        "arrows": arrows(plan),
     }
 
 
-def instants(plan: Plan) -> np.ndarray:
-    """Times (n,) in s to sample a plan at: evenly spread, and at its time steps if they fit.
-
-    Where loads jump in any case.
-    """
+def sample_times(plan: Plan) -> np.ndarray:
+    """Times (n,) in s to sample a plan at: evenly spread, jumps, and the time steps if they fit."""
     steps = plan.motion.times[: len(plan.x)]
-    steps = steps if len(steps) <= MOST // 2 else np.array(plan.jumps)
+    steps = steps if len(steps) <= MAX_SAMPLES // 2 else np.array(plan.jumps)
     end = float(plan.motion.times[len(plan.x) - 1])
-    count = int(np.clip(np.ceil(RATE * end) + 1, FEWEST, max(FEWEST, MOST - len(steps))))
+    most = max(MIN_SAMPLES, MAX_SAMPLES - len(steps))
+    count = int(np.clip(np.ceil(SAMPLE_RATE * end) + 1, MIN_SAMPLES, most))
     return with_marks(np.linspace(0.0, end, count), steps.tolist(), 1e-9 * end)
 
 
-def _samples(plan: Plan) -> list[Sample]:
-    """The moving trunk, without the instants for which there is no equilibrium, if any.
+def _moments(plan: Plan) -> list[Moment]:
+    """The moving trunk; where loads jump, both sides: two moments at the same time.
 
-    Where loads jump, both sides: two samples at the same time.
+    Where the trunk has no equilibrium there is no moment, and the page interpolates.
     """
-    samples = []
-    for t in instants(plan).tolist():
-        for after in (False, True) if t in plan.jumps else (False,):
-            # Between steps, where nothing was planned, the page interpolates.
-            with contextlib.suppress(StaticsError):
-                samples.append(plan.sample(t, after=after))
-    if not samples:
-        raise InputError(f"{plan.motion.name}: no instant of the plan has an equilibrium to show.")
-    return samples
+    moments = moments_at(plan, sample_times(plan))
+    if not moments:
+        raise InputError(f"{plan.motion.name}: the trunk has no equilibrium at any time to show.")
+    return moments
 
 
 def _held(motion: Motion, times: Sequence[float]) -> list[bool]:
-    """Whether the trunk keeps still from each sample to the next, and then jumps."""
-    ends = [phase.end for phase in motion.phases[:-1]]
+    """Whether the trunk keeps its shape from each sample to the next, and then jumps."""
     middles = (np.array(times[:-1]) + np.array(times[1:])) / 2
     return [
-        motion.phases[number].interpolation == "none"
-        for number in np.searchsorted(ends, middles).tolist()
+        motion.phases[phase_at(motion, time)].interpolation == "none" for time in middles.tolist()
     ]
+
+
+def _logs(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
+    return [
+        {
+            "kind": "log",
+            "radius": log.radius,
+            "length": log.length,
+            "center": encoded(np.array([log.center(plan, moment.time) for moment in moments])),
+        }
+        for log in logs(plan)
+    ]
+
+
+def _mass(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
+    """The mass at the tip, and whether it is `shown` in each sample."""
+    mass = tip_mass(plan)
+    if mass is None:
+        return []
+    centers = [mass.center(plan, moment) for moment in moments]
+    known = [mass.place if center is None else center for center in centers]
+    return [
+        {
+            "kind": "fruit",
+            "radius": mass.radius,
+            "mass": mass.mass,
+            "color": MASS,
+            "shown": [center is not None for center in centers],
+            "center": encoded(np.array(known)),
+        }
+    ]
+
+
+def _targets(plan: Plan) -> list[dict[str, Any]]:
+    """Positions that points of the trunk should have, and from when to when, in s."""
+    places: dict[tuple[float, ...], dict[str, Any]] = {}
+    for step, mark in _marks(plan):
+        if mark.placed:
+            position = mark.target.tolist()
+            place = {"Z": mark.Z, "position": position, "from": step.time - step.duration}
+            places.setdefault((mark.Z, *position), place)["to"] = step.time
+    return list(places.values())
+
+
+def _arrows(plan: Plan) -> list[dict[str, Any]]:
+    """Directions that points of the trunk should have, where, and from when to when, in s."""
+    return [
+        {
+            "position": mark.target.tolist(),
+            "direction": direction.tolist(),
+            "from": step.time - step.duration,
+            "to": step.time,
+        }
+        for step, mark in _marks(plan)
+        for direction in mark.directions
+    ]
+
+
+def _marks(plan: Plan) -> list[tuple[Step, Mark]]:
+    """Every target of every planned step."""
+    steps = plan.motion.steps[: len(plan.x)]
+    return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number)]
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Points Z (n,) in m of the cross-sections; segment i begins at number `edges[i]`."""
+    """Points Z (n,) in m of the cross-sections; segment i begins at index `edges[i]`."""
 
     Z: np.ndarray
     edges: tuple[int, ...]
 
 
 def section_grid(trunk: Trunk) -> Grid:
-    """Cross-sections of a trunk, on every edge between segments."""
+    """Cross-sections of a trunk; every edge between segments has one."""
     Z, edges = [np.zeros(1)], [0]
     for start, end in zip(trunk.edges[:-1], trunk.edges[1:], strict=True):
         intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
@@ -139,18 +192,12 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
         "colors": group_colors(trunk),
         "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
         "cores": [
-            {"first": first, "last": last, "radius": _core(trunk, segment)}
+            {"first": first, "last": last, "radius": core_radius(trunk, segment)}
             for segment, (first, last) in enumerate(
                 zip(grid.edges[:-1], grid.edges[1:], strict=True)
             )
         ],
     }
-
-
-def _core(trunk: Trunk, segment: int) -> float:
-    """Radius in m at Z = 0 of what no muscle of a segment reaches into."""
-    inner = (muscle.radii[0] for muscle in trunk.subdomains if muscle.segment == segment)
-    return min(inner, default=trunk.base_radius)
 
 
 def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
@@ -168,7 +215,7 @@ def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
 
 
 def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
-    """Some half of an outline's points, ends of arcs among them: the page draws them smoothly."""
+    """About half of an outline's points, with the ends of arcs; the page shades them smoothly."""
     m = len(section)
     arc = m // 2 if hollow else m - 1
     kept = np.unique(np.linspace(0, arc - 1, arc // 2 + 1).round().astype(int))
@@ -176,9 +223,10 @@ def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
     return section[np.concatenate([kept, back])]
 
 
-def _frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> dict[str, str]:
+def _frames(plan: Plan, moments: Sequence[Moment], Z: np.ndarray) -> dict[str, str]:
     """Cross-sections as position, quaternion (scalar first) and the scale of a radius."""
-    at = frames(trunk, shape, Z)
+    shape = Shape.stack([moment.shape[0] for moment in moments], plan.mesh)
+    at = frames(plan.motion.trunk, shape, Z)
     q = shape.state(Z)[..., :4]
     return {
         "position": encoded(at.position),
@@ -188,14 +236,9 @@ def _frames(trunk: Trunk, shape: Shape, Z: np.ndarray) -> dict[str, str]:
 
 
 def _pivot(trunk: Trunk) -> dict[str, Any]:
-    """The sphere on which the head moves the base (eq. 35)."""
-    base, _ = base_pose(trunk.head, 0.0, 0.0)
-    rest = directors(product(about_z(trunk.head.xi_z), about_y(trunk.head.xi_y)))[2]
-    radius = trunk.head.pivot_radius
-    return {
-        "radius": radius,
-        "center": [float(r - radius * s) for r, s in zip(base, rest, strict=True)],
-    }
+    """The sphere on which the head moves the base (eq. 35); of radius 0 if it only turns it."""
+    center, radius = head_sphere(trunk) or (np.zeros(3), 0.0)
+    return {"radius": radius, "center": center.tolist()}
 
 
 def encoded(array: np.ndarray) -> str:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from trunk_ocp.figures.style import FAINT, INK, new_figure, styled
-from trunk_ocp.scene.colors import MUSCLES, OTHERS
+from trunk_ocp.scene.colors import EXTRA_COLORS, GROUP_COLORS
 
 from . import beams, convergence, elastica, limits
 from .rods import elephant, rod, untapered
@@ -110,7 +110,7 @@ def draw_beams() -> Figure:
 def draw_convergence() -> Figure:
     """Errors vs. number of elements, one line per degree, with measured orders."""
     figure, axes = panels(78, "at element edges: order 2 d", "anywhere: order d + 1")
-    colors = [*MUSCLES.values(), *OTHERS]
+    colors = [*GROUP_COLORS.values(), *EXTRA_COLORS]
     for axis, place in zip(axes, convergence.PLACES, strict=True):
         for degree in convergence.DEGREES:
             errors = [convergence.error(n, degree, place) for n in convergence.ELEMENTS]
@@ -160,7 +160,7 @@ def draw_limits() -> Figure:
         limits.oblique_angles(),
         strict=True,
     ):
-        color, at = MUSCLES[muscle.group], 1 - muscle.radii[0] / muscle.radii[1]
+        color, at = GROUP_COLORS[muscle.group], 1 - muscle.radii[0] / muscle.radii[1]
         angle.plot([at, at], [extension, bending], "o", markersize=3, color=color)
         if name == "2-ivo":
             angle.annotate(name, (at, bending), (at + 0.02, bending - 0.7), color=color)

@@ -1,4 +1,4 @@
-// What the viewer uses of three.js; everything else is left out of three.min.js.
+// The parts of three.js that the viewer uses; three.min.js has nothing else.
 export {
   BufferAttribute,
   BufferGeometry,

@@ -1,6 +1,6 @@
-// Time of the motion. Draws only when something has changed.
+// Time of the motion. Draws only when something changes.
 
-/** Calls `draw(time)` in the next animation frame after `wake`, and in every one while playing. */
+/** Calls `draw(time)` in the animation frame after `wake`, and in every frame while playing. */
 export class Clock {
   constructor(duration, draw) {
     this.duration = duration;
@@ -11,7 +11,7 @@ export class Clock {
     this.playing = false;
     this.frames = 0; // drawn so far
     this.request = 0;
-    this.last = null; // when the last frame was, while playing
+    this.last = null; // time of the last frame, while playing
   }
 
   play() {

@@ -1,4 +1,4 @@
-// Buttons, boxes and keys: they read and change the state through the functions of `main`.
+// Buttons, check boxes and keys. They change the state through functions that `main` passes in.
 
 import { activationGradient } from "./colors.js";
 import { short } from "./plots.js";
@@ -11,14 +11,14 @@ export const PARTS = {
   targets: "targets",
   objects: "objects",
 };
-const FRAME = 0.04; // s, of an arrow key
-const AFTER = 1e-3; // s, after a jump of the loads
+const KEY_STEP = 0.04; // s, of an arrow key
+const AFTER_JUMP = 1e-3; // s, after a jump of the loads
 
 export function byId(id) {
   return document.getElementById(id);
 }
 
-/** Boxes that show or hide; `change(key, on)` is told. */
+/** Check boxes that show or hide; they call `change(key, on)`. */
 export function addBoxes(container, entries, change) {
   for (const { key, label, color, on } of entries) {
     const line = container.appendChild(document.createElement("label"));
@@ -40,11 +40,11 @@ function swatch(color) {
 }
 
 export function addMuscleChoices(select, plans) {
-  const names = new Set(plans.flatMap((plan) => plan.trunk.muscles.map((one) => one.name)));
+  const names = new Set(plans.flatMap((plan) => plan.trunk.muscles.map((muscle) => muscle.name)));
   for (const name of names) select.add(new Option(name, name));
 }
 
-/** Legend of the colors by activation. */
+/** Color bar of activation. */
 export function drawLegend(largest) {
   byId("gradient").style.background = activationGradient();
   [0, largest / 2, largest].forEach((value, i) => {
@@ -52,50 +52,50 @@ export function drawLegend(largest) {
   });
 }
 
-/** Keys of the whole page; `does` has what they do by name. */
-export function listenToKeys(clock, stops, does) {
-  const actions = {
-    " ": does.toggle,
-    ArrowLeft: (event) => does.seek(clock.time + (event.shiftKey ? toStep(-1) : -FRAME)),
-    ArrowRight: (event) => does.seek(clock.time + (event.shiftKey ? toStep(1) : FRAME)),
-    Home: () => does.seek(0),
-    End: () => does.seek(clock.duration),
-    "?": does.help,
-    c: does.switchColors,
-    r: does.resetView,
-    Escape: does.deselect,
-    a: () => does.nudge(-0.1, 0, 1),
-    d: () => does.nudge(0.1, 0, 1),
-    w: () => does.nudge(0, 0.1, 1),
-    s: () => does.nudge(0, -0.1, 1),
-    "+": () => does.nudge(0, 0, 1 / 1.1),
-    "-": () => does.nudge(0, 0, 1.1),
+/** Keys of the whole page; `actions` has functions by name. */
+export function listenToKeys(clock, stops, actions) {
+  const byKey = {
+    " ": actions.toggle,
+    ArrowLeft: (event) => actions.seek(clock.time + (event.shiftKey ? toStop(-1) : -KEY_STEP)),
+    ArrowRight: (event) => actions.seek(clock.time + (event.shiftKey ? toStop(1) : KEY_STEP)),
+    Home: () => actions.seek(0),
+    End: () => actions.seek(clock.duration),
+    "?": actions.help,
+    c: actions.switchColors,
+    r: actions.resetView,
+    Escape: actions.deselect,
+    a: () => actions.nudge(-0.1, 0, 1),
+    d: () => actions.nudge(0.1, 0, 1),
+    w: () => actions.nudge(0, 0.1, 1),
+    s: () => actions.nudge(0, -0.1, 1),
+    "+": () => actions.nudge(0, 0, 1 / 1.1),
+    "-": () => actions.nudge(0, 0, 1.1),
   };
-  const toStep = (way) => nextStop(stops, clock.time, way) - clock.time;
+  const toStop = (direction) => nextStop(stops, clock.time, direction) - clock.time;
   addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || isBusy(event)) return;
-    const action = actions[event.key];
+    if (event.ctrlKey || event.metaKey || event.altKey || keyBelongsTo(event)) return;
+    const action = byKey[event.key];
     if (!action) return;
     action(event);
     event.preventDefault();
   });
 }
 
-/** Whether a key belongs to the element that has the focus. */
-function isBusy({ target, key }) {
+/** Whether the element with the focus handles a key itself. */
+function keyBelongsTo({ target, key }) {
   if (byId("help").open) return true;
   if (target.closest("select")) return true;
   return key === " " && Boolean(target.closest("button, input[type=checkbox], summary"));
 }
 
-/** Where keys stop: the start, the time steps, and just after those where loads jump. */
+/** Times at which shift and an arrow stop: the start, the time steps, and just after jumps. */
 export function stopsOf(plan) {
-  return [0, ...plan.steps, ...plan.jumps.map((jump) => jump + AFTER)];
+  return [0, ...plan.steps, ...plan.jumps.map((jump) => jump + AFTER_JUMP)];
 }
 
-/** Time of the stop after (way 1) or before (-1) a time. */
-export function nextStop(times, time, way) {
-  const ahead = times.filter((step) => way * (step - time) > 1e-4);
+/** The stop after (direction 1) or before (-1) a time. */
+export function nextStop(stops, time, direction) {
+  const ahead = stops.filter((stop) => direction * (stop - time) > 1e-4);
   if (!ahead.length) return time;
-  return way > 0 ? Math.min(...ahead) : Math.max(...ahead);
+  return direction > 0 ? Math.min(...ahead) : Math.max(...ahead);
 }

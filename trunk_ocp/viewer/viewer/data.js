@@ -1,4 +1,4 @@
-// The data in the page: JSON with float32 arrays in base64; see payload.py.
+// Data of the page: JSON with float32 arrays in base64; see payload.py.
 
 export function readPayload() {
   const payload = JSON.parse(document.getElementById("data").textContent);
@@ -18,7 +18,7 @@ function decodedPlan(plan) {
     frames: { position: floats(position), quaternion: floats(quaternion), scale: floats(scale) },
     activation: floats(plan.activation),
     head: floats(plan.head),
-    objects: plan.objects.map((thing) => ({ ...thing, center: floats(thing.center) })),
+    objects: plan.objects.map((object) => ({ ...object, center: floats(object.center) })),
   };
 }
 
@@ -32,26 +32,26 @@ function floats(text) {
 }
 
 /**
- * Between which samples a time lies: numbers of both and the share of the later one.
+ * The two samples around a time, by index, and the weight of the later one.
  *
- * Where loads jump there are two samples at one time: at that time the first of them, later the
- * second. Where a phase holds what it has, the earlier sample until the later one is due.
+ * Where loads jump there are two samples at one time; the first applies at that time, the second
+ * after it. Where a phase holds its values, the earlier sample applies until the next one.
  */
 export function instantAt({ times, held }, t) {
   const last = times.length - 1;
-  if (t >= times[last]) return { before: last, after: last, share: 0 };
-  if (t <= times[0]) return { before: 0, after: 0, share: 0 };
+  if (t >= times[last]) return { before: last, after: last, weight: 0 };
+  if (t <= times[0]) return { before: 0, after: 0, weight: 0 };
   let after = 1;
   while (after < last && times[after] < t) after += 1;
   const before = after - 1;
-  if (held[before] && t < times[after]) return { before, after: before, share: 0 };
-  const share = (t - times[before]) / (times[after] - times[before]);
-  return { before, after, share: Math.max(0, share) };
+  if (held[before] && t < times[after]) return { before, after: before, weight: 0 };
+  const weight = (t - times[before]) / (times[after] - times[before]);
+  return { before, after, weight: Math.max(0, weight) };
 }
 
-/** Number `i` of a row of `width` numbers, between two samples. */
-export function mixed(array, width, i, { before, after, share }) {
-  return (1 - share) * array[before * width + i] + share * array[after * width + i];
+/** Entry `i` of rows of `width` numbers, interpolated between two samples. */
+export function mixed(array, width, i, { before, after, weight }) {
+  return (1 - weight) * array[before * width + i] + weight * array[after * width + i];
 }
 
 export function activationAt(plan, muscle, t) {
@@ -59,11 +59,11 @@ export function activationAt(plan, muscle, t) {
 }
 
 export function phaseAt(plan, t) {
-  const phase = plan.phases.find((one) => t <= one.end + 1e-6);
+  const phase = plan.phases.find(({ end }) => t <= end + 1e-6);
   return phase ? phase.name : "";
 }
 
-/** Smallest and largest activation of all plans; zero is always between. */
+/** Smallest and largest activation of all plans, with zero in the range. */
 export function activationRange(plans) {
   let [low, high] = [0, 0];
   for (const plan of plans) {

@@ -1,11 +1,11 @@
-// Where each muscle is: x = r + s f (X d_1 + Y d_2), as trunk_ocp/scene/body.py has it. Model axes
-// throughout, +Z down; the scene turns them.
+// Where each muscle is: x = r + s f (X d_1 + Y d_2), as in trunk_ocp/scene/body.py. Model axes
+// throughout, +Z down; the scene rotates them.
 
 import { instantAt, mixed } from "./data.js";
 
 const CREASE = Math.cos((40 * Math.PI) / 180); // sharper corners of an outline stay sharp
 
-/** Room for the cross-sections of a plan at one instant. */
+/** Arrays for the cross-sections of a plan at one time. */
 export function makeSections(plan) {
   const n = plan.trunk.taper.length;
   return {
@@ -18,7 +18,7 @@ export function makeSections(plan) {
   };
 }
 
-/** Cross-sections at time t, between samples by straight lines and shortest rotations. */
+/** Cross-sections at time t: linear between samples, rotations the shorter way. */
 export function writeSections(sections, plan, t) {
   const { n, position, scale } = sections;
   const instant = instantAt(plan, t);
@@ -29,14 +29,14 @@ export function writeSections(sections, plan, t) {
   }
 }
 
-function quaternionAt(all, n, j, { before, after, share }) {
+function quaternionAt(all, n, j, { before, after, weight }) {
   const a = 4 * (before * n + j);
   const b = 4 * (after * n + j);
   let dot = 0;
   for (let k = 0; k < 4; k++) dot += all[a + k] * all[b + k];
-  const turn = dot < 0 ? -share : share; // q and -q are the same rotation
+  const signed = dot < 0 ? -weight : weight; // q and -q are the same rotation
   const q = [0, 0, 0, 0];
-  for (let k = 0; k < 4; k++) q[k] = (1 - share) * all[a + k] + turn * all[b + k];
+  for (let k = 0; k < 4; k++) q[k] = (1 - weight) * all[a + k] + signed * all[b + k];
   const length = Math.hypot(...q);
   return q.map((value) => value / length);
 }
@@ -48,7 +48,7 @@ function writeDirectors({ d1, d2, d3 }, j, [w, x, y, z]) {
   d3.set([2 * (x * z + w * y), 2 * (y * z - w * x), ww - xx - yy + zz], 3 * j);
 }
 
-/** What an outline sweeps from cross-section `first` to `last`: corners and triangles. */
+/** The tube that an outline sweeps from cross-section `first` to `last`. */
 export function makeTube(outline, hollow, first, last) {
   const corners = creased(outline);
   const rings = last - first + 1;
@@ -61,7 +61,7 @@ export function makeTube(outline, hollow, first, last) {
 }
 
 /**
- * Corners of an outline with normals, twice where it bends sharply.
+ * Corners of an outline with normals; two of them where it bends sharply.
  *
  * `begins[i]` and `ends[i]` are the corners of edge i, which goes from point i to the next.
  */
@@ -124,7 +124,7 @@ function sideTriangles({ begins, ends, count }, m, rings) {
   return triangles;
 }
 
-/** Both ends: their points follow from `start` on. */
+/** Triangles of both ends, whose points begin at index `start`. */
 function capTriangles(m, hollow, start) {
   const triangles = [];
   for (const [a, b, c] of hollow ? bandTriangles(m) : fanTriangles(m)) {
@@ -138,7 +138,7 @@ function fanTriangles(m) {
   return Array.from({ length: m - 2 }, (_, i) => [i, i + 1, m - 1]);
 }
 
-/** Between an outer arc and the inner one that leads back. */
+/** Triangles between an outer arc and the inner arc that returns. */
 function bandTriangles(m) {
   const triangles = [];
   for (let i = 0; i < m / 2 - 1; i++) {
@@ -147,7 +147,7 @@ function bandTriangles(m) {
   return triangles;
 }
 
-/** Vertices and normals of a tube on given cross-sections, into arrays of 3 `count` numbers. */
+/** Write vertices and normals of a tube on cross-sections into arrays of 3 `count` numbers. */
 export function writeTube(tube, sections, vertices, normals) {
   const { corners, first, last } = tube;
   let k = 0;
@@ -179,7 +179,7 @@ function writeDirection(out, k, { d1, d2 }, j, x, y) {
   for (let c = 0, a = 3 * j; c < 3; c++, a++) out[k + c] = x * d1[a] + y * d2[a];
 }
 
-/** Outline of a round cross-section, flat as `makeTube` takes it. */
+/** Outline of a round cross-section, as a flat array for `makeTube`. */
 export function circle(radius, points = 36) {
   const angle = (2 * Math.PI) / points;
   const point = (i) => [radius * Math.cos(i * angle), radius * Math.sin(i * angle)];

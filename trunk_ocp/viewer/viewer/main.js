@@ -1,4 +1,4 @@
-// Puts the page together: one state, and what follows from its changes.
+// Puts the page together: one state, and what its changes update.
 
 import { readPayload, activationAt, activationRange, instantAt, mixed, phaseAt } from "./data.js";
 import { groupColors } from "./colors.js";
@@ -13,10 +13,10 @@ const payload = readPayload();
 const { plans } = payload;
 const clock = new Clock(Math.max(...plans.map((plan) => plan.duration)), draw);
 
-/** What is shown, and how: scene and plots dress after it. */
+/** What is shown and how; scene and plots take it in `dress`. */
 const look = {
   hidden: new Set(), // keys of groups and sides
-  // With a muscle up to the center there is no inner tissue to see: the skin says what is trunk.
+  // If a muscle reaches the center there is no inner tissue, so the skin shows the trunk.
   parts: { core: true, skin: reachCenter(plans), head: true, targets: true, objects: true },
   colorBy: "activation",
   colors: groupColors(plans),
@@ -78,7 +78,7 @@ function buildPanel() {
   });
 }
 
-/** Boxes of what is shown besides muscles, as far as there is any. */
+/** Check boxes for everything besides muscles that this page has. */
 function addPartBoxes() {
   const exists = {
     objects: plans.some((plan) => plan.objects.length),
@@ -99,7 +99,7 @@ function hide(key, on) {
   dress();
 }
 
-/** A label over every view, with the plan it shows. */
+/** A label over every view that names its plan. */
 function addLabels() {
   for (const plan of plans) {
     const label = byId("labels").appendChild(document.createElement("div"));
@@ -143,13 +143,13 @@ function help() {
   byId("help").showModal();
 }
 
-/** Go to a time, in s, and stay there. */
+/** Go to a time in s and stop. */
 function seek(time) {
   clock.playing = false;
   clock.seek(time);
 }
 
-/** Make a muscle stand out in scenes and plots, or none. */
+/** Highlight a muscle in scenes and plots; null for none. */
 function select(name) {
   look.selected = name;
   byId("muscle").value = name ?? "";
@@ -178,8 +178,8 @@ function placeLabels(time) {
     label.style.transform = `translate(${x}px, ${y}px)`;
     label.style.maxWidth = `${width}px`;
     const instant = instantAt(plan, time);
-    const [z, about] = [0, 1].map((k) => (mixed(plan.head, 2, k, instant) * 180) / Math.PI);
-    setText(label.lastChild, `head: \u03c8Z ${degrees(z)}, \u03c8Y ${degrees(about)}`);
+    const [psiZ, psiY] = [0, 1].map((k) => (mixed(plan.head, 2, k, instant) * 180) / Math.PI);
+    setText(label.lastChild, `head: \u03c8Z ${degrees(psiZ)}, \u03c8Y ${degrees(psiY)}`);
   });
 }
 
@@ -190,14 +190,14 @@ function degrees(angle) {
 function writeBar(time) {
   const phase = phaseAt(plans[0], time);
   const now = time.toFixed(2);
-  const beyond = ({ jumps }) => jumps.some((t) => t < time && t.toFixed(2) === now);
-  const jumped = !clock.playing && plans.some(beyond);
-  const said = `${now} of ${clock.duration.toFixed(2)} s${jumped ? ", just after" : ""}`;
-  setText(byId("now"), said);
+  const justJumped = ({ jumps }) => jumps.some((t) => t < time && t.toFixed(2) === now);
+  const jumped = !clock.playing && plans.some(justJumped);
+  const label = `${now} of ${clock.duration.toFixed(2)} s${jumped ? ", just after" : ""}`;
+  setText(byId("now"), label);
   setText(byId("phase"), phase);
   const slider = byId("time");
   slider.value = time;
-  slider.setAttribute("aria-valuetext", `${said}, ${phase}`);
+  slider.setAttribute("aria-valuetext", `${label}, ${phase}`);
   const name = clock.playing ? "Pause" : "Play";
   if (byId("play").getAttribute("aria-label") !== name) {
     byId("play").setAttribute("aria-label", name);
@@ -211,10 +211,10 @@ function writeSelected(time) {
     if (i < 0) return [];
     const { architecture, segment } = plan.trunk.muscles[i];
     const value = activationAt(plan, i, time).toFixed(3).replace("-", "\u2212");
-    return [{ what: `${architecture}, segment ${segment + 1}`, value: `${plan.label} ${value}` }];
+    return [{ kind: `${architecture}, segment ${segment + 1}`, value: `${plan.label} ${value}` }];
   });
-  const said = [lines[0]?.what, ...lines.map(({ value }) => value)].filter(Boolean).join("\n");
-  setText(byId("selected"), said || "Click a muscle or a curve.");
+  const label = [lines[0]?.kind, ...lines.map(({ value }) => value)].filter(Boolean).join("\n");
+  setText(byId("selected"), label || "Click a muscle or a curve.");
 }
 
 function setText(element, text) {
@@ -223,7 +223,7 @@ function setText(element, text) {
 
 start();
 
-/** For tests and the curious. */
+/** For tests, and for the browser's console. */
 globalThis.trunkPage = {
   clock, look, plans, seek, select,
   get stage() {

@@ -1,20 +1,20 @@
-// Activations over time, a panel for each segment: SVG curves, and a cursor that follows time.
+// Activations over time, a panel for each segment: SVG curves, and a cursor at the current time.
 
 import { activationRange } from "./data.js";
 
 const MARGIN = { right: 12, top: 20, bottom: 22 };
-const LETTER = 6.5; // px, about, of a label
-const LEVELS = 4; // about, with labels
-const HEIGHT = 150; // px of a panel
-const NEAR = 10; // px from a curve that still pick it
-const WIDTHS = { plain: 1.6, chosen: 4 }; // px
+const LETTER_WIDTH = 6.5; // px, about
+const LEVELS = 4; // labeled grid lines, about
+const HEIGHT = 150; // px, of a panel
+const PICK_DISTANCE = 10; // px, from a curve
+const STROKE = { plain: 1.6, selected: 4 }; // px
 
-/** Plots of all plans; `seek(time)` and `pick(name or null)` are told what the pointer does. */
+/** Plots of all plans; the pointer calls `seek(time)` and `pick(name or null)`. */
 export class Plots {
   constructor(container, plans, { seek, pick }) {
     const range = activationRange(plans);
     const end = Math.max(...plans.map((plan) => plan.duration));
-    const left = 10 + LETTER * Math.max(...ticks(...range, LEVELS).map((y) => short(y).length));
+    const left = 10 + LETTER_WIDTH * Math.max(...ticks(...range, LEVELS).map((y) => short(y).length));
     this.panels = plans.flatMap((plan) => {
       const section = planSection(container, plan);
       return segmentsOf(plan).map((segment) => {
@@ -44,17 +44,17 @@ function planSection(container, plan) {
   return panels;
 }
 
-/** Numbers of the segments that have muscles. */
+/** Indices of the segments that have muscles. */
 function segmentsOf(plan) {
   return [...new Set(plan.trunk.muscles.map((muscle) => muscle.segment))].sort((a, b) => a - b);
 }
 
 class Panel {
-  constructor(plan, segment, axes, tell) {
+  constructor(plan, segment, axes, actions) {
     this.plan = plan;
     this.segment = segment;
     this.axes = axes;
-    this.tell = tell;
+    this.actions = actions;
     this.curves = curvesOf(plan, segment);
     this.time = 0;
     this.build();
@@ -123,7 +123,7 @@ class Panel {
     return [...ticks(low, high, LEVELS).flatMap(level), ...times.map(mark)];
   }
 
-  /** Where one phase ends and the next begins. */
+  /** Lines where one phase ends and the next begins. */
   phases() {
     const inner = this.plan.phases.filter(({ end }) => end < this.plan.duration - 1e-6);
     return inner.map(({ name, end }) => {
@@ -160,16 +160,16 @@ class Panel {
     this.look = look;
     this.paths?.forEach((path, i) => {
       const { muscle } = this.curves[i];
-      const chosen = look.selected === muscle.name;
-      const faint = look.selected !== null && !chosen;
+      const selected = look.selected === muscle.name;
+      const faint = look.selected !== null && !selected;
       path.style.display = look.shows(muscle) ? "" : "none";
       path.style.stroke = look.colors.get(muscle.group);
-      path.style.strokeWidth = WIDTHS[chosen ? "chosen" : "plain"];
+      path.style.strokeWidth = STROKE[selected ? "selected" : "plain"];
       path.style.opacity = faint ? 0.22 : 1;
-      path.classList.toggle("chosen", chosen);
+      path.classList.toggle("selected", selected);
     });
-    const chosen = this.svg.querySelector(".chosen");
-    if (chosen) this.svg.append(chosen); // on top
+    const selected = this.svg.querySelector(".selected");
+    if (selected) this.svg.append(selected); // on top
   }
 
   listen() {
@@ -181,13 +181,13 @@ class Panel {
     this.svg.addEventListener("pointerdown", (event) => {
       const [x, y] = local(event);
       const near = this.muscleNear(x, y);
-      if (near) this.tell.pick(near === this.look.selected ? null : near);
-      else this.tell.seek(this.timeAt(x));
+      if (near) this.actions.pick(near === this.look.selected ? null : near);
+      else this.actions.seek(this.timeAt(x));
       dragging = !near;
       if (dragging) this.svg.setPointerCapture(event.pointerId);
     });
     this.svg.addEventListener("pointermove", (event) => {
-      if (dragging) this.tell.seek(this.timeAt(local(event)[0]));
+      if (dragging) this.actions.seek(this.timeAt(local(event)[0]));
       else this.svg.classList.toggle("over", Boolean(this.muscleNear(...local(event))));
     });
     for (const end of ["pointerup", "pointercancel"]) {
@@ -195,9 +195,9 @@ class Panel {
     }
   }
 
-  /** Name of the shown muscle whose curve passes closest to a point, if close enough. */
+  /** Name of the visible muscle whose curve is nearest to a point, or null if none is near. */
   muscleNear(x, y) {
-    let best = { distance: NEAR, name: null };
+    let best = { distance: PICK_DISTANCE, name: null };
     for (const { muscle, values } of this.curves) {
       if (!this.look.shows(muscle)) continue;
       const distance = this.distance(values, x, y);
@@ -212,7 +212,7 @@ class Panel {
       const { times } = this.plan;
       const a = [this.x(times[i - 1]), this.y(values[i - 1])];
       const b = [this.x(times[i]), this.y(values[i])];
-      if (b[0] < x - NEAR || a[0] > x + NEAR) continue;
+      if (b[0] < x - PICK_DISTANCE || a[0] > x + PICK_DISTANCE) continue;
       least = Math.min(least, toSegment([x, y], a, b));
     }
     return least;
@@ -230,12 +230,12 @@ function curvesOf(plan, segment) {
 
 function toSegment([x, y], a, b) {
   const [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-  const share = ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1);
-  const at = Math.min(Math.max(share, 0), 1);
+  const fraction = ((x - a[0]) * dx + (y - a[1]) * dy) / (dx * dx + dy * dy || 1);
+  const at = Math.min(Math.max(fraction, 0), 1);
   return Math.hypot(x - a[0] - at * dx, y - a[1] - at * dy);
 }
 
-/** Round numbers from low to high, some `count` of them. */
+/** About `count` round numbers from low to high. */
 export function ticks(low, high, count) {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));

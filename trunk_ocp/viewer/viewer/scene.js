@@ -5,15 +5,15 @@ import { circle, makeSections, makeTube, writeSections, writeTube } from "./geom
 import { activationColor } from "./colors.js";
 import { instantAt, mixed } from "./data.js";
 
-const GHOST = 0.13; // opacity of the other muscles while one is selected
+const GHOST_OPACITY = 0.13; // of the other muscles while one is selected
 const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540 };
-// Sizes are shares of the trunk's length.
+// Sizes are fractions of the trunk's length.
 const TARGET = {
   now: { color: 0x111111, radius: 0.01 },
   other: { color: 0x8d8d8d, radius: 0.0065 },
 };
 const ARROW = { color: 0xcc0055, length: 0.1, radius: 0.01 };
-const PIVOT = 0.01;
+const PIVOT_RADIUS = 0.01;
 
 /** The scene of a plan; `show(time)` moves it, `dress(look)` colors and hides. */
 export class PlanScene {
@@ -30,7 +30,7 @@ export class PlanScene {
     this.objects = plan.objects.map(objectMesh);
     this.targets = targetMesh(plan.targets);
     this.arrows = arrowMesh(plan.arrows);
-    this.head = headGroup(plan.pivot, PIVOT * plan.trunk.length);
+    this.head = headGroup(plan.pivot, PIVOT_RADIUS * plan.trunk.length);
     this.model.add(this.head, ...this.objects, this.targets, this.arrows);
   }
 
@@ -50,7 +50,7 @@ export class PlanScene {
     geometry.setAttribute("rim", new THREE.BufferAttribute(tube.rim, 1));
     geometry.setIndex(tube.triangles);
     const mesh = new THREE.Mesh(geometry, material);
-    mesh.frustumCulled = false; // it moves; its bounds are not kept up to date
+    mesh.frustumCulled = false; // it moves, and its bounds are not updated
     mesh.userData.tube = tube;
     this.model.add(mesh);
     return mesh;
@@ -78,12 +78,12 @@ export class PlanScene {
     writeTube(mesh.userData.tube, this.sections, position.array, normal.array);
     position.needsUpdate = true;
     normal.needsUpdate = true;
-    mesh.geometry.boundingSphere = null; // made again if something is picked
+    mesh.geometry.boundingSphere = null; // computed again when something is picked
   }
 
   turnHead(instant) {
     const [z, y] = [0, 1].map((i) => mixed(this.plan.head, 2, i, instant));
-    this.head.rotation.set(0, y, z, "ZYX"); // about Y first, then Z, as in head.py
+    this.head.rotation.set(0, y, z, "ZYX"); // about Y first, then Z, as in model/head.py
   }
 
   dress(look) {
@@ -114,7 +114,7 @@ export class PlanScene {
     });
   }
 
-  /** Name of the muscle that a ray meets first, or null. */
+  /** Name of the first muscle that a ray hits, or null. */
   pick(raycaster) {
     this.model.updateMatrixWorld();
     const meshes = [...this.muscles, ...this.cores].filter((mesh) => mesh.visible);
@@ -134,7 +134,7 @@ function solid(color) {
   return new THREE.MeshLambertMaterial({ color });
 }
 
-/** A solid that lines its edges: neighbors of one color are told apart, at no cost in meshes. */
+/** A solid with light edges, so that neighbors of one color can be distinguished. */
 function lined() {
   const material = solid(0xffffff);
   material.onBeforeCompile = (shader) => {
@@ -161,12 +161,12 @@ function skinMaterial() {
 function fade(material, ghost) {
   if (material.transparent === ghost) return;
   material.transparent = ghost;
-  material.opacity = ghost ? GHOST : 1;
+  material.opacity = ghost ? GHOST_OPACITY : 1;
   material.depthWrite = !ghost;
   material.needsUpdate = true;
 }
 
-/** What no muscle reaches into, segment by segment; muscles may leave nothing. */
+/** The core that no muscle reaches into, segment by segment; there may be none. */
 function coreTubes({ cores }) {
   return cores
     .filter(({ radius }) => radius > 0)
@@ -178,7 +178,7 @@ function skinTube(trunk) {
 }
 
 function objectMesh({ kind, radius, length, color }) {
-  // A cylinder's axis is y, as the log's.
+  // The axis of a three.js cylinder is y, like the log's.
   const geometry =
     kind === "log"
       ? new THREE.CylinderGeometry(radius, radius, length, 40)
@@ -190,12 +190,12 @@ function placeObject(mesh, center, instant) {
   mesh.position.set(...[0, 1, 2].map((c) => mixed(center, 3, c, instant)));
 }
 
-/** A mass that has been let go is gone. */
-function isThere({ shown }, { before, after, share }) {
-  return shown?.[share < 1 ? before : after] ?? true;
+/** Whether an object exists: a mass that was released is gone. */
+function isThere({ shown }, { before, after, weight }) {
+  return shown?.[weight < 1 ? before : after] ?? true;
 }
 
-/** All targets as one mesh, for a plan may have many. */
+/** All targets as one mesh, because a plan may have many. */
 function targetMesh(targets) {
   const dot = new THREE.SphereGeometry(1, 10, 6);
   const mesh = new THREE.InstancedMesh(dot, new THREE.MeshBasicMaterial(), targets.length);
@@ -203,12 +203,12 @@ function targetMesh(targets) {
   return mesh;
 }
 
-/** Those that hold now are larger and darker. */
+/** The current targets are larger and darker. */
 function markTargets(mesh, { targets, trunk }, t) {
   const place = new THREE.Matrix4();
   const color = new THREE.Color();
   targets.forEach((target, i) => {
-    const mark = TARGET[holds(target, t) ? "now" : "other"];
+    const mark = TARGET[isCurrent(target, t) ? "now" : "other"];
     const radius = mark.radius * trunk.length;
     place.makeScale(radius, radius, radius).setPosition(...target.position);
     mesh.setMatrixAt(i, place);
@@ -219,11 +219,11 @@ function markTargets(mesh, { targets, trunk }, t) {
   mesh.instanceColor.needsUpdate = true;
 }
 
-function holds({ from, to }, t) {
+function isCurrent({ from, to }, t) {
   return t > from - 1e-6 && t < to + 1e-6;
 }
 
-/** All wanted directions as one mesh of spikes. */
+/** All target directions as one mesh of spikes. */
 function arrowMesh(arrows) {
   const spike = new THREE.CylinderGeometry(0, 1, 1, 12).translate(0, 0.5, 0);
   const material = new THREE.MeshBasicMaterial({ color: ARROW.color });
@@ -232,7 +232,7 @@ function arrowMesh(arrows) {
   return mesh;
 }
 
-/** Only those that hold now are seen. */
+/** Only the current ones are visible. */
 function turnArrows(mesh, { arrows, trunk }, t) {
   const place = new THREE.Matrix4();
   const size = new THREE.Vector3();
@@ -240,7 +240,7 @@ function turnArrows(mesh, { arrows, trunk }, t) {
     const along = new THREE.Vector3(...arrow.direction).normalize();
     const aside = Math.abs(along.x) < 0.9 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
     const across = aside.cross(along).normalize();
-    const scale = holds(arrow, t) ? trunk.length : 0;
+    const scale = isCurrent(arrow, t) ? trunk.length : 0;
     place.makeBasis(across.clone(), along, across.clone().cross(along));
     size.set(ARROW.radius * scale, ARROW.length * scale, ARROW.radius * scale);
     mesh.setMatrixAt(i, place.scale(size).setPosition(...arrow.position));
@@ -248,7 +248,7 @@ function turnArrows(mesh, { arrows, trunk }, t) {
   if (arrows.length) mesh.instanceMatrix.needsUpdate = true;
 }
 
-/** The sphere that the base moves on, with the circles that show how the head has turned. */
+/** The sphere that the base moves on; circles on it show the rotation of the head. */
 function headGroup({ center, radius }, dot) {
   const group = new THREE.Group();
   group.position.set(...center);

@@ -1,24 +1,24 @@
-// The canvas: one view for each plan, all seen by the same camera; orbit, zoom and picking.
+// The canvas: one view for each plan, all with the same camera; orbit, zoom and picking.
 
 /* global THREE */
 import { PlanScene } from "./scene.js";
 
-const FIELD = 32; // degrees, vertical
-const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at first, rad
-const CLICK = 5; // px a pointer may move and still click
+const FIELD_OF_VIEW = 32; // degrees, vertical
+const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at the start, rad
+const CLICK_DISTANCE = 5; // px that a pointer may move in a click
 const BACKGROUND = 0xf6f5f2;
 
 export class Stage {
-  /** `onPick(name or null)` is told what was clicked, `onChange()` that the view has changed. */
+  /** A click calls `onPick(name or null)`, a change of the view `onChange()`. */
   constructor(canvas, plans, onPick, onChange) {
     this.canvas = canvas;
     this.scenes = plans.map((plan) => new PlanScene(plan));
-    this.modest = drawsInSoftware();
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.modest });
+    this.software = drawsInSoftware();
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.software });
     this.renderer.setClearColor(BACKGROUND);
     this.bounds = bounds(plans);
-    const size = this.bounds.half.length(); // some 1.3 m for an elephant
-    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 0.04 * size, 40 * size);
+    const size = this.bounds.half.length(); // about 1.3 m for an elephant
+    this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.04 * size, 40 * size);
     [this.nearest, this.farthest] = [0.2 * size, 16 * size];
     this.controls = new THREE.OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", onChange);
@@ -35,7 +35,7 @@ export class Stage {
       from = event.isPrimary ? event : null;
     });
     this.canvas.addEventListener("pointerup", (event) => {
-      if (from && Math.hypot(event.x - from.x, event.y - from.y) < CLICK) this.click(event);
+      if (from && Math.hypot(event.x - from.x, event.y - from.y) < CLICK_DISTANCE) this.click(event);
       from = null;
     });
     new ResizeObserver(() => this.resize()).observe(this.canvas.parentElement);
@@ -44,7 +44,7 @@ export class Stage {
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
     if (!width || !height) return;
-    this.renderer.setPixelRatio(this.modest ? 1 : Math.min(devicePixelRatio, 2));
+    this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
     this.views = views(this.scenes.length, width, height, this.extent());
     const moved = this.fitted && !this.touched();
@@ -52,12 +52,12 @@ export class Stage {
     this.onChange();
   }
 
-  /** Whether the camera is elsewhere than `reset` has put it. */
+  /** Whether the user has moved the camera since `reset`. */
   touched() {
     return this.camera.position.distanceTo(this.fitted) > 1e-6 * this.nearest;
   }
 
-  /** Half width, height and depth of the whole motion as the camera sees it at first. */
+  /** Half width, height and depth of the whole motion, from the camera's first direction. */
   extent() {
     const { half } = this.bounds;
     const [cos, sin] = [Math.cos(DIRECTION.azimuth), Math.sin(DIRECTION.azimuth)];
@@ -65,12 +65,12 @@ export class Stage {
     return { wide, high: half.y, deep };
   }
 
-  /** Put the camera where the whole motion is in view. */
+  /** Move the camera so that the whole motion is in view. */
   reset() {
     const { width, height } = this.views[0];
     const { center } = this.bounds;
     const { wide, high, deep } = this.extent();
-    const slope = Math.tan((FIELD * Math.PI) / 360);
+    const slope = Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
     const distance = Math.max(high, (wide * height) / width) / slope + 0.45 * deep;
     this.controls.target.copy(center);
     this.camera.position.copy(center).addScaledVector(direction(DIRECTION), 1.04 * distance);
@@ -131,7 +131,7 @@ export class Stage {
     return this.scenes[i].pick(raycaster);
   }
 
-  /** Where a point of the model, in m, is on the canvas: the reverse of `muscleAt`. */
+  /** Where a point of the model, in m, is on the canvas; for tests. */
   pointAt(number, point) {
     const view = this.views[number];
     aim(this.camera, view);
@@ -140,10 +140,10 @@ export class Stage {
   }
 }
 
-/** Whether WebGL has no graphics card: smooth edges would halve the frames a second there. */
+/** Whether WebGL runs in software, where smooth edges would halve the frame rate. */
 function drawsInSoftware() {
   const gl = document.createElement("canvas").getContext("webgl2");
-  if (!gl) return false; // three.js will say so
+  if (!gl) return false; // three.js reports it
   const info = gl.getExtension("WEBGL_debug_renderer_info");
   const name = gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
   gl.getExtension("WEBGL_lose_context")?.loseContext();
@@ -156,7 +156,7 @@ function aim(camera, view) {
   camera.updateMatrixWorld();
 }
 
-/** Side by side or one above the other: as what is shown gets larger. */
+/** Views side by side or stacked, whichever shows the motion larger. */
 function views(count, width, height, { wide, high }) {
   const size = (w, h) => Math.min(w / wide, h / high);
   const beside = size(width / count, height) >= size(width, height / count);
@@ -177,7 +177,7 @@ function direction({ azimuth, elevation }) {
   return new THREE.Vector3().setFromSphericalCoords(1, Math.PI / 2 - elevation, azimuth);
 }
 
-/** Center and half size of the box around everything that is ever seen. */
+/** Center and half size of the box around the whole motion. */
 function bounds(plans) {
   const low = new THREE.Vector3(Infinity, Infinity, Infinity);
   const high = low.clone().negate();

@@ -1,7 +1,7 @@
-"""Bodies in space drawn on paper: turned, hidden where they are behind, shaded.
+"""Bodies in space projected onto paper: rotated, sorted by depth, shaded.
 
-Views are orthographic, so lengths can be read off in all of them, and made of plain polygons,
-so that a PDF stays vectors. +Z points down in the model and on paper.
+Views are orthographic, so that lengths can be measured in all of them, and consist of polygons, so
+that a PDF has only vectors. +Z points down in the model and on paper.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from matplotlib.transforms import Bbox
 
 from ..scene.body import Body
 
-LIGHT = (-0.4, -0.6, 0.7)  # from the upper left, toward the reader
-DARKEST = 0.55  # of a color, where no light falls
+LIGHT = (-0.4, -0.6, 0.7)  # direction to the light: upper left, toward the reader
+DARKEST = 0.55  # fraction of a color that is left where no light falls
 FACETS = 20  # around a round body
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Where the reader stands: unit vectors along the paper, and out of it."""
+    """An orthographic view: unit vectors along the paper and out of it, to the reader."""
 
     name: str
     across: np.ndarray
@@ -41,7 +41,7 @@ class View:
 
 
 def toward(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 1.0)) -> View:
-    """View from a direction in which the reader stands; what is `below`, +Z, stays so."""
+    """View from the direction `eye`; `below`, by default +Z, points down on paper."""
     out = np.asarray(eye) / np.linalg.norm(eye)
     down = np.asarray(below) - (out @ np.asarray(below)) * out
     down /= np.linalg.norm(down)
@@ -49,15 +49,16 @@ def toward(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 
 
 
 _X, _Y, _Z = np.eye(3)
-SIDE = View("side", _X, _Z, _Y, ("X, forwards (m)", "Z, down (m)"))
+SIDE = View("side", _X, _Z, _Y, ("X, forward (m)", "Z, down (m)"))
 FRONT = View("front", _Y, _Z, _X, ("Y, to the right (m)", "Z, down (m)"), mirrored=True)
+ABOVE = View("above", _X, _Y, -_Z, None)
 QUARTER = toward("three-quarter", (0.9, 0.8, -0.4))
 VIEWS = (SIDE, FRONT, QUARTER)
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Facets (k, 4, 3) in m, seen from outside counter-clockwise, of one color."""
+    """Facets (k, 4, 3) in m of one color, counter-clockwise from outside."""
 
     facets: np.ndarray
     color: str | tuple[float, float, float]
@@ -66,7 +67,7 @@ class Surface:
 def paint(
     axes: Axes, view: View, surfaces: Sequence[Surface], zorder: float = 2, darkest: float = DARKEST
 ) -> None:
-    """Draw surfaces together: what is nearer hides what is farther."""
+    """Draw surfaces together, sorted by depth."""
     if not surfaces:
         return
     facets = np.concatenate([surface.facets for surface in surfaces])
@@ -81,7 +82,7 @@ def paint(
     bright = darkest + (1 - darkest) * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
     drawn = (rgb * bright[:, None])[order]
     axes.add_collection(
-        # Edges of the facet's own color close the hairlines between neighbors.
+        # Edges in the facet's own color hide the hairlines between neighbors.
         PolyCollection(
             list(view.flat(facets)[order]),
             facecolors=drawn,
@@ -101,7 +102,7 @@ def tube(rings: np.ndarray) -> np.ndarray:
 def facets_of(body: Body, sections: int) -> np.ndarray:
     """Facets (k, 4, 3) of a swept body in the first of its shapes.
 
-    Pairs of triangles between cross-sections become one facet each: half as many to draw.
+    A pair of triangles between cross-sections becomes one facet: half as many to draw.
     """
     rings = body.vertices[0].reshape(sections, -1, 3)
     section = body.triangles // rings.shape[1]
@@ -151,14 +152,14 @@ def extent(view: View, points: np.ndarray, margin: float) -> Bbox:
 
 
 def frame(axes: Axes, view: View, box: Bbox) -> None:
-    """Equal scales along both axes, +Z downwards; a bar of length where axes mean nothing."""
+    """Set equal scales on both axes, +Z down; views without labels get no axes."""
     axes.set_aspect("equal")
     axes.set_xlim(*((box.x1, box.x0) if view.mirrored else (box.x0, box.x1)))
     axes.set_ylim(box.y1, box.y0)
     size, inch = axes.get_window_extent(), axes.figure.dpi
     for axis, room in ((axes.xaxis, size.width / inch), (axes.yaxis, size.height / inch)):
-        few = int(np.clip(3 * room, 1, 5))  # a label takes a third of an inch
-        axis.set_major_locator(MaxNLocator(few, steps=[1, 2, 4, 5, 10], min_n_ticks=1))
+        count = int(np.clip(3 * room, 1, 5))  # a label takes a third of an inch
+        axis.set_major_locator(MaxNLocator(count, steps=[1, 2, 4, 5, 10], min_n_ticks=1))
     if view.labels is not None:
         axes.set_xlabel(view.labels[0])
         axes.set_ylabel(view.labels[1])
@@ -167,14 +168,14 @@ def frame(axes: Axes, view: View, box: Bbox) -> None:
 
 
 def _round(length: float) -> float:
-    """The largest of 1, 2, 5, 10, ... (and 0.5, 0.2, ...) that is no longer than a length in m."""
+    """The largest of ..., 0.5, 1, 2, 5, 10, ... that is at most a length in m."""
     power = 10.0 ** np.floor(np.log10(length))
     first = max(digit for digit in (1, 2, 5) if digit * power <= length * (1 + 1e-9))
     return float(f"{first * power:.1g}")
 
 
 def measure(axes: Axes, box: Bbox) -> None:
-    """Draw a bar of known length below a picture whose axes have no numbers."""
+    """Draw a scale bar below a view without axes."""
     length = _round(0.3 * max(box.width, box.height))
     x, y = box.x0 + 0.03 * box.width, box.y1 + 0.02 * box.height
     axes.plot(

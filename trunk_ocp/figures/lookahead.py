@@ -1,4 +1,4 @@
-"""What foresight is worth: costs against lookahead; each way of planning over time."""
+"""Lookahead studies: costs against lookahead, and planning methods over time."""
 
 from __future__ import annotations
 
@@ -30,28 +30,30 @@ SOLVED = Status.SOLVED.name.lower()
 
 
 def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw costs against lookahead, and four ways of planning over time."""
+    """Draw costs against lookahead, and four planning methods over time."""
     with style.styled():
-        return style.save(picture(result), folder, "comparison", formats)
+        return style.save(lookahead_figure(result), folder, "comparison", formats)
 
 
 def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw what `survey` found: objective and smoothness against lookahead, for each limit."""
+    """Draw the result of `survey`: objective and smoothness against lookahead, for each limit."""
     with style.styled():
-        return style.save(survey_picture(data), folder, f"foresight-{data['problem']}", formats)
+        return style.save(survey_figure(data), folder, f"foresight-{data['problem']}", formats)
 
 
 def draw_front(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw what `front` found: tracking against smoothness, blind and with a horizon."""
+    """Draw the result of `front`: tracking against smoothness, blind and with a horizon."""
     with style.styled():
-        return style.save(front_picture(data), folder, f"front-{data['problem']}", formats)
+        return style.save(front_figure(data), folder, f"front-{data['problem']}", formats)
 
 
-def picture(result: Foresight) -> Figure:
+def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
     height = 112.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(result.motion)}: what foresight is worth{_said(result)}")
+    style.headline(
+        figure, f"{style.title(result.motion)}: benefit of lookahead{_limits_title(result)}"
+    )
     panels = figure.subplots(2, 3)
     figure.subplots_adjust(
         left=0.09, right=0.985, top=1 - 18 / height, bottom=10 / height, wspace=0.42, hspace=0.32
@@ -59,45 +61,46 @@ def picture(result: Foresight) -> Figure:
     for axes, (name, label) in zip(panels[0], CURVES, strict=True):
         _against_lookahead(axes, result, name)
         axes.set_ylabel(label)
-    ways = _ways(result)
-    _over_time(list(panels[1]), list(ways.values()))
-    lines = [Line2D([], [], color=color, label=name) for name, (_, color) in ways.items()]
+    methods = _methods(result)
+    _over_time(list(panels[1]), list(methods.values()))
+    lines = [Line2D([], [], color=color, label=name) for name, (_, color) in methods.items()]
     marks: list[Artist] = [
         Line2D([], [], color=style.INK, marker="o", markersize=3, label="all targets reached"),
         Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
                label="some target missed, or not solved"),
     ]  # fmt: skip
-    style.legend_above(figure, lines, [*marks, *style.phase_keys(result.motion)])
+    style.legend_below_title(figure, lines, [*marks, *style.phase_patches(result.motion)])
     return figure
 
 
-def _said(result: Foresight) -> str:
-    """The limits, in words."""
+def _limits_title(result: Foresight) -> str:
+    """The limits as text for a title."""
     activation, rate = result.limits["activation"], result.limits["rate"]
     words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
     words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
     return f" ({', '.join(words)})" if words else ""
 
 
-def _ways(result: Foresight) -> dict[str, tuple[Plan, str]]:
+def _methods(result: Foresight) -> dict[str, tuple[Plan, str]]:
     """The plans that are drawn over time, and their colors."""
     return {
-        "the paper's way: tracking only": (result.paper, PAPER),
-        "the same with running cost": (result.paper_costed, COSTED),
-        "blind, horizon's bounds": (result.curve.blind, BLIND),
+        "the paper's method: tracking only": (result.paper, PAPER),
+        "the same with effort and rate costs": (result.paper_costed, COSTED),
+        "blind, with the horizon's bounds": (result.curve.blind, BLIND),
         "horizon": (result.curve.best, HORIZON),
     }
 
 
 def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
-    """One measure of all lookaheads; the paper's ways and the best horizon as lines."""
+    """One measure at all lookaheads; the paper's methods and the best horizon as lines."""
     lookaheads = list(result.curve.plans)
-    some = [result.measures[f"lookahead {H}"] for H in lookaheads]
-    values = [float(getattr(measures, name)) for measures in some]
+    measured = [result.measures[f"lookahead {H}"] for H in lookaheads]
+    values = [float(getattr(measures, name)) for measures in measured]
     axes.plot(lookaheads, values, color=style.INK, zorder=3, gid=name)
-    _marks(axes, lookaheads, values, [m.status for m in some])
-    for way, color in (("paper", PAPER), ("paper, same cost", COSTED)):
-        axes.axhline(float(getattr(result.measures[way], name)), color=color, zorder=2, gid=way)
+    _marks(axes, lookaheads, values, [measures.status for measures in measured])
+    for method, color in (("paper", PAPER), ("paper, same cost", COSTED)):
+        value = float(getattr(result.measures[method], name))
+        axes.axhline(value, color=color, zorder=2, gid=method)
     best: Measures | None = result.measures.get("best horizon")
     if best is not None:
         axes.axhline(float(getattr(best, name)), **style.BOUND)
@@ -119,21 +122,21 @@ def _marks(
         axes.plot(H, value, "o", color=color, markerfacecolor=face, markersize=3, zorder=4)
 
 
-def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
+def _over_time(panels: list[Axes], plans: Sequence[tuple[Plan, str]]) -> None:
     labels = (
         "$J_T$ of eq. (42) (no unit)",
         "fastest change of an\nactivation (1/s)",
         "muscles at their bound\nof contraction (count)",
     )
-    motion = ways[0][0].motion
+    motion = plans[0][0].motion
     for axes, label in zip(panels, labels, strict=True):
         style.shade_phases(axes, motion, motion.steps[-1].time)
         axes.set_xlabel("time (s)")
         axes.set_ylabel(label)
-    for plan, color in ways:
+    for plan, color in plans:
         times = plan.motion.times[: len(plan.x)]
         cost = np.array([error.paper for error in plan.errors])
-        # From rest to the first step is no change of mind.
+        # Without the change from rest to step 1, which every plan has.
         change = np.abs(np.diff(plan.activations, axis=0)).max(axis=1, initial=0.0)
         rate = change / [step.duration for step in plan.motion.steps[1 : len(plan.x)]]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
@@ -145,12 +148,12 @@ def _over_time(panels: list[Axes], ways: Sequence[tuple[Plan, str]]) -> None:
     panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
-def survey_picture(data: Mapping[str, Any]) -> Figure:
+def survey_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_survey` writes."""
     cells = data["cells"]
     height = 78.0
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.plain(data['problem'])}: how many steps ahead suffice")
+    style.headline(figure, f"{style.escaped(data['problem'])}: how far to look ahead")
     left, right = figure.subplots(1, 2)
     figure.subplots_adjust(
         left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
@@ -167,7 +170,7 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
         for axes, values in ((left, excess), (right, variation)):
             axes.plot(lookaheads, values, color=color, zorder=3)
             _marks(axes, lookaheads, values, statuses, color)
-        label = _limits_said(cell["limits"])
+        label = _limits_label(cell["limits"])
         handles.append(Line2D([], [], color=color, marker="o", markersize=3, label=label))
     left.axhline(1.0, **style.BOUND)
     left.set_yscale("symlog", linthresh=1.0)
@@ -183,23 +186,23 @@ def survey_picture(data: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _limits_said(limits: Mapping[str, float | None]) -> str:
+def _limits_label(limits: Mapping[str, float | None]) -> str:
     words = [f"|act.| $\\leq$ {limits['activation']:g}"] if limits["activation"] else []
     words += [f"rate $\\leq$ {limits['rate']:g}/s"] if limits["rate"] else []
     return ", ".join(words) or "own bounds"
 
 
-def front_picture(data: Mapping[str, Any]) -> Figure:
+def front_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_front` writes."""
     height = 70.0
     figure = style.new_figure(height, 90.0)
-    style.headline(figure, f"{style.plain(data['problem'])}: tracking against smoothness")
+    style.headline(figure, f"{style.escaped(data['problem'])}: tracking against smoothness")
     axes = figure.subplots()
     figure.subplots_adjust(left=0.16, right=0.97, top=1 - 8 / height, bottom=11 / height)
-    for way, color in (("blind", BLIND), ("horizon", HORIZON)):
-        rate = [plan["squared_rate"] for plan in data[way]]
-        tracking = [plan["tracking"] for plan in data[way]]
-        axes.plot(rate, tracking, "o-", color=color, markersize=3, label=way, gid=way)
+    for mode, color in (("blind", BLIND), ("horizon", HORIZON)):
+        rate = [plan["squared_rate"] for plan in data[mode]]
+        tracking = [plan["tracking"] for plan in data[mode]]
+        axes.plot(rate, tracking, "o-", color=color, markersize=3, label=mode, gid=mode)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
