@@ -288,7 +288,7 @@ def test_a_reporter_cannot_ask_its_own_replanner(motion, plan):
 
     reporter = Asking()
     reporter.again = again = to.Replanner(plan, reporter=reporter)
-    with pytest.raises(to.InputError, match="at work"):
+    with pytest.raises(to.InputError, match="busy"):
         again(motion)
     reporter.again = None
     assert again(motion).status is to.Status.SOLVED

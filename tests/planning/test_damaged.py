@@ -141,7 +141,7 @@ def test_only_steps_that_have_an_auxiliary_solution_may_be_near_one(tmp_path):
     """Else an edited file would be free of the bounds on change, and called solved."""
     data = damaged.originals().arrays
     elsewhere = data["near_activation"] - 3.5
-    assert "beyond its bounds" in refused(tmp_path, data.assign(near_activation=elsewhere))
+    assert "violates its bounds" in refused(tmp_path, data.assign(near_activation=elsewhere))
     loose = json.loads(data.attrs["problem_json"])
     loose["phases"][0]["auxiliary"] = None
     spec = type(damaged.originals().motion.spec).model_validate_json(json.dumps(loose))

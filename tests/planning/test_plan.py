@@ -1,5 +1,6 @@
 """What is said of a plan: its costs, its errors, its faults, its status."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,9 @@ from plans import TOUCH, first_steps, planned, written
 
 from trunk_ocp.analysis.measures import compare, measure
 from trunk_ocp.cli.tables import step_table
+from trunk_ocp.errors import InputError
+from trunk_ocp.nlp.window import Weights
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
@@ -212,3 +216,40 @@ def test_between_equilibria_the_moving_trunk_stays_on_the_planned_one(tmp_path):
     assert np.abs(other.position(Z) - planned_points).max() > 0.1
     sample = plan.sample(1.0).shape
     np.testing.assert_allclose(sample.position(Z), planned_points, rtol=0, atol=1e-6)
+
+
+def test_a_plan_is_printed_without_integrating_its_rods(plan, monkeypatch):
+    fresh = replace(plan)  # has none of the checks of the original
+    monkeypatch.setattr("trunk_ocp.planning.plan.verify", None)
+    assert repr(fresh) == "<Plan of lift-log: horizon, 3 of 3 steps>"
+    assert repr(plan).startswith(repr(fresh)[:-1] + ", J = ")
+
+
+def test_the_trajectory_starts_at_rest(plan):
+    assert not plan.trajectory[0].any()
+    np.testing.assert_array_equal(plan.trajectory[1:], plan.x)
+    assert plan.times.tolist() == [0.0, *(step.time for step in plan.motion.steps)]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("starts", 0),
+        ("elements", -3),
+        ("elements", 2.5),
+        ("elements", None),
+        ("degree", 0),
+        ("degree", "6"),
+        ("max_iterations", 0),
+        ("max_iterations", True),
+        ("linear_solver", 3),
+        ("linear_solver", ""),
+        ("weights", (1e-5, 1e-5)),
+        ("weights.effort", Weights(effort=-1.0)),
+        ("weights.rate", Weights(rate=np.nan)),
+        ("weights.rate", Weights(rate="much")),
+    ],
+)
+def test_options_out_of_their_range_are_refused(name, value):
+    with pytest.raises(InputError, match=f"^{re.escape(name)} = .*expected"):
+        Options(**{name.partition(".")[0]: value})

@@ -25,6 +25,7 @@ from ..problem.motion import Motion
 from ..reporting import Reporter
 from ..rod.collocation import mesh_for
 from .checkpoint import Checkpoint
+from .checkpoint_file import COUNTERS
 from .options import REFINEMENTS, Options, first_mesh, mode_of
 from .plan import Plan
 from .planning_run import PlanningRun
@@ -105,10 +106,7 @@ def plan_motion(
         plan = _refined(run.run(), run)
     parts: list[Optimizer | Plan] = [optimizer, rough, *([given] if given else [])]
     plan = plan.with_record(
-        iterations=sum(part.iterations for part in parts),
-        setup_seconds=sum(part.setup_seconds for part in parts),
-        solve_seconds=sum(part.solve_seconds for part in parts),
-        derivative_seconds=sum(part.derivative_seconds for part in parts),
+        **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},
         total_seconds=time.perf_counter()
         - began
         + (given.total_seconds if given else 0)
@@ -206,10 +204,7 @@ def plan_from(
     plan = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, guess=x).run()
     return replace(
         plan,
-        iterations=optimizer.iterations,
-        setup_seconds=optimizer.setup_seconds,
-        solve_seconds=optimizer.solve_seconds,
-        derivative_seconds=optimizer.derivative_seconds,
+        **{name: getattr(optimizer, name) for name in COUNTERS},
         total_seconds=time.perf_counter() - began,
         solves=tuple(optimizer.solves),
     )

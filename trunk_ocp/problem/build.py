@@ -87,8 +87,9 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         start += phase.duration
         phases.append(Phase(phase.name, start, phase.interpolation))
     _check_contact(steps)
-    extension = spec.bounds.extension
-    return Motion(spec, anatomy, trunk, tuple(phases), tuple(steps), extension, box, build_motion)
+    return Motion(
+        spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, box, build_motion
+    )
 
 
 def as_built(motion: Motion) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..model.activation import strain_matrix
 from ..model.anatomy import AnatomySpec, Trunk
-from ..model.loads import mass_beyond
+from ..model.loads import Vector, mass_beyond
 from ..model.overlaps import overlapping
 from .motion import Motion, Step
 from .problem_file import MAX_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
@@ -342,18 +342,14 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
             away = math.hypot(*target.position)
             reach = target.Z * stretch + 2 * pivot
             if away > reach + motion.tolerance[0]:
-                yield _too_far(phase, where, n, target.position, reach)
+                yield _too_far(phase, n, target.source, target.position, reach)
                 return
 
 
-def _too_far(
-    phase: PhaseSpec, where: str, n: int, position: tuple[float, float, float], reach: float
-) -> Finding:
+def _too_far(phase: PhaseSpec, n: int, key: str, position: Vector, reach: float) -> Finding:
     """Warning on target `n` (from 0) of a step, with the key and the value of the file."""
-    place: TargetSpec | WrapSpec | None = phase.wrap
-    key = f"{where}.wrap"
-    if n < len(phase.targets):
-        place, key = phase.targets[n], f"{where}.targets[{n + 1}]"
+    place: TargetSpec | WrapSpec | None
+    place = phase.targets[n] if n < len(phase.targets) else phase.wrap
     assert place is not None
     name, rows = ("path", place.path) if place.path else ("through", place.through)
     if not rows:
