@@ -225,7 +225,7 @@ def test_a_change_is_told_by_the_key_that_the_file_has(tmp_path):
     text = POINT.replace('interpolation = "hermite"', "change = [{ activation = 0.0 }]")
     motion = load_motion(written(tmp_path, text))
     bounds = {
-        (name, sign): Bound(f"{word} change of activation of {name}", 0.0, sign, "", 0.5, (3,), 9.0)
+        (name, sign): Bound(f"{word} change of {name}", 0.0, sign, "", 0.5, (3,), 9.0, name)
         for sign, word in ((-1, "least"), (1, "largest"))
         for name in ("R1-dl", "L2-ivo")
     }
