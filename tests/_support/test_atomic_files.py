@@ -51,8 +51,8 @@ def grown(folder, dice):
 def test_a_run_leaves_the_users_own_files_of_a_thousand_trees(tmp_path, monkeypatch, plan):
     """Planning itself is left out; all that runs do with files is done."""
     problem = written(tmp_path, TOUCH)
-    monkeypatch.setattr(cli, "_plans", lambda *arguments: [plan])
-    monkeypatch.setattr(cli, "_tell", lambda *arguments: None)
+    monkeypatch.setattr(cli, "_plan", lambda *arguments: [plan])
+    monkeypatch.setattr(cli, "_diagnose", lambda *arguments: None)
     for number in range(10):
         dice, out = random.Random(number), tmp_path / f"out{number}"
         trees = [grown(out, dice) for _ in range(100)]

@@ -39,10 +39,10 @@ class LazyGroup(Command, click.Group):
     Parameters
     ----------
     lazy_commands : dict
-        Module, attribute and short help of each command imported on demand, by name.
+        Module and short help of each command imported on demand, by name: module.NAME_command.
     """
 
-    def __init__(self, *args: Any, lazy_commands: dict[str, tuple[str, str, str]], **extra: Any):
+    def __init__(self, *args: Any, lazy_commands: dict[str, tuple[str, str]], **extra: Any):
         super().__init__(*args, **extra)
         self.lazy_commands = lazy_commands
 
@@ -53,13 +53,13 @@ class LazyGroup(Command, click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """A command by its name."""
         if cmd_name in self.lazy_commands:
-            module, attribute, _ = self.lazy_commands[cmd_name]
-            return getattr(import_module(f".{module}", __package__), attribute)
+            module = import_module(f".{self.lazy_commands[cmd_name][0]}", __package__)
+            return getattr(module, f"{cmd_name}_command")
         return super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands without importing them."""
-        short = {name: text for name, (_, _, text) in self.lazy_commands.items()}
+        short = {name: text for name, (_, text) in self.lazy_commands.items()}
         short |= {name: command.get_short_help_str(200) for name, command in self.commands.items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(short.items()))

@@ -8,14 +8,13 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
 from .command_base import Command, LazyGroup
-from .option_types import Number
+from .option_types import Number, out_option
 from .safe_streams import standard_output
 
 
@@ -35,12 +34,7 @@ from .safe_streams import standard_output
     metavar="H",
     help="Plan H time steps at a time (receding horizon); replaces --mode.",
 )
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Folder for results.  [default: results/PROBLEM]",
-)
+@out_option("Folder for results.  [default: results/PROBLEM]")
 @click.option(
     "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."
 )
@@ -117,44 +111,30 @@ def resume_command(parameters: Mapping[str, Any]) -> str:
     lazy_commands={
         "compare": (
             "studies",
-            "compare_command",
             "Compare planning step by step, as in the paper, with planning ahead.",
         ),
         "convert": (
             "finished_runs",
-            "convert_command",
             "Write a finished run as files for Blender, ParaView and OpenSim.",
         ),
-        "explain": (
-            "finished_runs",
-            "explain_command",
-            "Explain a finished run: why it failed, or what limits it.",
-        ),
+        "explain": ("finished_runs", "Explain a finished run: why it failed, or what limits it."),
         "export": (
             "export_model",
-            "export_command",
             "Write the trunk model (activations, head, loads to shape) as code.",
         ),
         "optima": (
             "studies",
-            "optima_command",
             "Look for better local optima than the reported plan, from many starts.",
         ),
         "redundancy": (
             "studies",
-            "redundancy_command",
             "Show which muscles a finished run needs, and what others could replace.",
         ),
         "survey": (
             "studies",
-            "survey_command",
             "Find how many steps of lookahead suffice under limits on strength and speed.",
         ),
-        "view": (
-            "finished_runs",
-            "view_command",
-            "Open the interactive page of a finished run in a browser.",
-        ),
+        "view": ("finished_runs", "Open the interactive page of a finished run in a browser."),
     },
 )
 @click.version_option(package_name="trunk_ocp")

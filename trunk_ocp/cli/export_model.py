@@ -14,7 +14,7 @@ from ..codegen.request import CheckError
 from ..codegen.shape_model import MIN_ELEMENTS
 from ..codegen.subject import load_subject
 from .exit_codes import NOT_VERIFIED
-from .option_types import Number
+from .option_types import Number, out_option
 from .safe_streams import standard_output
 
 
@@ -45,12 +45,7 @@ def _points(
     help="Points in m from the base.  [default: the tip]",
 )
 @click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Target format.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Folder for the files.  [default: export/NAME-FORMAT]",
-)
+@out_option("Folder for the files.  [default: export/NAME-FORMAT]")
 @click.option("--second", is_flag=True, help="Add second derivatives along a direction.")
 @click.option(
     "--contact-from", type=Number("Z"), metavar="Z", help="Where contact loads begin, in m."

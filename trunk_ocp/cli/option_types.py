@@ -1,7 +1,9 @@
-"""Types of command-line options: a number within its range, or several."""
+"""Command-line options that several commands share: numbers within a range, output folders."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,6 +14,12 @@ if TYPE_CHECKING:
     Type = click.ParamType[Any]
 else:  # not generic in older versions of click
     Type = click.ParamType
+
+
+def out_option(text: str) -> Callable[[Any], Any]:
+    """The option --out DIR."""
+    folder = click.Path(file_okay=False, path_type=Path)
+    return click.option("--out", type=folder, metavar="DIR", help=text)
 
 
 class Number(Type):

@@ -26,7 +26,7 @@ from ..reporting import Reporter
 from .common import load_run, print_plain
 from .error_messages import warn_on_failure
 from .interrupts import Interrupts
-from .option_types import Number, Numbers
+from .option_types import Number, Numbers, out_option
 from .tables import foresight_table, optima_table, redundancy_table, survey_table, version_table
 
 no_figures_option = click.option("--no-figures", is_flag=True, help="Skip the figures.")
@@ -43,12 +43,7 @@ lookaheads_option = click.option(
 @click.option(
     "--needed", "ablate", is_flag=True, help="Also replan the motion without each muscle."
 )
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Folder for results, with a subfolder per plan.  [default: beside the plans]",
-)
+@out_option("Folder for results, with a subfolder per plan.  [default: beside the plans]")
 @no_figures_option
 def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: bool) -> None:
     """Show which muscles a finished run needs, and what others could replace.
@@ -106,12 +101,7 @@ def _study_options(command: Callable[..., None]) -> Callable[..., None]:
             metavar="N",
             help="Number of plans to solve in parallel.  [default: one per core]",
         ),
-        click.option(
-            "--out",
-            type=click.Path(file_okay=False, path_type=Path),
-            metavar="DIR",
-            help="Folder for results.  [default: results/PROBLEM/COMMAND]",
-        ),
+        out_option("Folder for results.  [default: results/PROBLEM/COMMAND]"),
     ):
         command = option(command)
     return command

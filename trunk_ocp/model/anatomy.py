@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -42,28 +42,22 @@ MAX_PARTS = 50
 class MuscleSpec(Strict):
     """One muscle group of a segment, as written in an anatomy file."""
 
-    group: Annotated[
-        str,
-        Field(
-            pattern=r"^[A-Za-z][A-Za-z0-9_]*$",
-            max_length=40,
-            description="name of the group, such as dl; R1-dl is its right side in segment 1",
-        ),
-    ]
-    architecture: Annotated[Architecture, Field(description="arrangement of the fibers")]
-    radii_over_length: Annotated[
-        Pair, Field(description="inner and outer radius at Z = 0, divided by the trunk's length")
-    ]
-    sector: Annotated[
-        Pair, Field(description="angles of both edges on the right side, from dorsal, radians")
-    ]
-    helix_deg: Annotated[
-        Number,
-        Field(gt=-90, lt=90, description="helical angle of the outermost fibers, right side"),
-    ] = 0.0
-    sides: Annotated[
-        tuple[Side, ...], Field(min_length=1, max_length=2, description="sides that have it")
-    ] = ("R", "L")
+    group: str = Field(
+        pattern=r"^[A-Za-z][A-Za-z0-9_]*$",
+        max_length=40,
+        description="name of the group, such as dl; R1-dl is its right side in segment 1",
+    )
+    architecture: Architecture = Field(description="arrangement of the fibers")
+    radii_over_length: Pair = Field(
+        description="inner and outer radius at Z = 0, divided by the trunk's length"
+    )
+    sector: Pair = Field(description="angles of both edges on the right side, from dorsal, radians")
+    helix_deg: Number = Field(
+        default=0.0, gt=-90, lt=90, description="helical angle of the outermost fibers, right side"
+    )
+    sides: tuple[Side, ...] = Field(
+        default=("R", "L"), min_length=1, max_length=2, description="sides that have it"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> MuscleSpec:
@@ -87,20 +81,20 @@ class MuscleSpec(Strict):
 class SegmentSpec(Strict):
     """A part of the trunk with its own muscles."""
 
-    Z_over_length: Annotated[
-        Pair, Field(description="where it starts and ends, divided by the trunk's length")
-    ]
-    muscles: Annotated[
-        tuple[MuscleSpec, ...], Field(max_length=MAX_PARTS, description="its muscle groups")
-    ] = ()
+    Z_over_length: Pair = Field(
+        description="where it starts and ends, divided by the trunk's length"
+    )
+    muscles: tuple[MuscleSpec, ...] = Field(
+        default=(), max_length=MAX_PARTS, description="its muscle groups"
+    )
 
 
 class MaterialSpec(Strict):
     """Homogeneous, isotropic tissue."""
 
-    youngs_modulus: Annotated[Positive, Field(description="Pa")]
-    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5, description="0.5: incompressible")]
-    density: Annotated[NonNegative, Field(description="kg/m^3")]
+    youngs_modulus: Positive = Field(description="Pa")
+    poisson_ratio: Number = Field(gt=-1, le=0.5, description="0.5: incompressible")
+    density: NonNegative = Field(description="kg/m^3")
 
 
 class HeadSpec(Strict):
@@ -109,35 +103,30 @@ class HeadSpec(Strict):
     The default is a clamp along +Z that rotates about the base itself.
     """
 
-    pivot_radius: Annotated[
-        NonNegative, Field(description="distance from the pivot of the head to the base, m")
-    ] = 0.0
-    xi_z_deg: Annotated[
-        Number, Field(description="angle of the pivot-to-base line and the trunk about e_Z")
-    ] = 0.0
-    xi_y_deg: Annotated[Number, Field(description="angle of the pivot-to-base line about e_Y")] = (
-        0.0
+    pivot_radius: NonNegative = Field(
+        default=0.0, description="distance from the pivot of the head to the base, m"
     )
-    xi_d_deg: Annotated[Number, Field(description="angle of the trunk at the base about e_Y")] = 0.0
+    xi_z_deg: Number = Field(
+        default=0.0, description="angle of the pivot-to-base line and the trunk about e_Z"
+    )
+    xi_y_deg: Number = Field(default=0.0, description="angle of the pivot-to-base line about e_Y")
+    xi_d_deg: Number = Field(default=0.0, description="angle of the trunk at the base about e_Y")
 
 
 class AnatomySpec(Strict):
     """An anatomy file."""
 
-    name: Annotated[Text, Field(description="name for messages and exports")]
-    length: Annotated[Positive, Field(description="length of the passive trunk, m")]
-    base_radius_over_length: Annotated[
-        Positive, Field(description="radius at the base, divided by the length")
-    ]
-    taper_deg: Annotated[
-        Number, Field(ge=0, lt=90, description="angle of the surface (eq. 26)")
-    ] = 0.0
-    material: Annotated[MaterialSpec, Field(description="elastic constants and density")]
-    head: Annotated[HeadSpec, Field(description="how the head holds the base")] = HeadSpec()
-    segments: Annotated[
-        tuple[SegmentSpec, ...],
-        Field(min_length=1, max_length=MAX_PARTS, description="segments from base to tip"),
-    ]
+    name: Text = Field(description="name for messages and exports")
+    length: Positive = Field(description="length of the passive trunk, m")
+    base_radius_over_length: Positive = Field(
+        description="radius at the base, divided by the length"
+    )
+    taper_deg: Number = Field(default=0.0, ge=0, lt=90, description="angle of the surface (eq. 26)")
+    material: MaterialSpec = Field(description="elastic constants and density")
+    head: HeadSpec = Field(default=HeadSpec(), description="how the head holds the base")
+    segments: tuple[SegmentSpec, ...] = Field(
+        min_length=1, max_length=MAX_PARTS, description="segments from base to tip"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> AnatomySpec:

@@ -39,7 +39,7 @@ STEP = "an earlier time step, counted from 1"
 class HeldSpec(Strict):
     """A direction taken from the motion itself: the one reached at an earlier time step."""
 
-    held_from_step: Annotated[PositiveInt, Field(description=STEP)]
+    held_from_step: PositiveInt = Field(description=STEP)
 
 
 Direction = Annotated[Vec3 | HeldSpec | None, Field(description="wanted direction of a director")]
@@ -106,8 +106,8 @@ def _check_times(times: list[float], duration: float) -> None:
 class TargetSpec(Strict):
     """Desired position and directions of one point of the trunk (eq. 41)."""
 
-    Z: Annotated[NonNegative, Field(description="point of the trunk, m from the base")]
-    position: Annotated[Vec3 | None, Field(description="wanted position of the point, m")] = None
+    Z: NonNegative = Field(description="point of the trunk, m from the base")
+    position: Vec3 | None = Field(default=None, description="wanted position of the point, m")
     path: Path = None
     through: Through = None
     origin: OriginOf = "base"
@@ -137,24 +137,22 @@ class TargetSpec(Strict):
 class WrapSpec(Strict):
     """Wrap around a log whose axis is e_Y (eqs. 46-52)."""
 
-    Z: Annotated[Pair, Field(description="first and last point of the trunk on the log, m")]
-    points: Annotated[
-        int, Field(ge=2, le=MAX_POINTS, description="number of target points on the log")
-    ] = 6
-    log_radius: Annotated[Positive, Field(description="radius of the log, m")]
-    angles_deg: Annotated[
-        Pair, Field(description="angles of both ends on the log, from e_Z about e_Y")
-    ]
-    center: Annotated[Vec3 | None, Field(description="center of the log, m")] = None
+    Z: Pair = Field(description="first and last point of the trunk on the log, m")
+    points: int = Field(
+        default=6, ge=2, le=MAX_POINTS, description="number of target points on the log"
+    )
+    log_radius: Positive = Field(description="radius of the log, m")
+    angles_deg: Pair = Field(description="angles of both ends on the log, from e_Z about e_Y")
+    center: Vec3 | None = Field(default=None, description="center of the log, m")
     path: Path = None
     through: Through = None
     origin: OriginOf = "base"
-    position_weights: Annotated[
-        tuple[NonNegative, ...], Field(description="weight of the position error at each point")
-    ]
-    d3_weights: Annotated[
-        tuple[NonNegative, ...], Field(description="weight of the tangent error at each point")
-    ]
+    position_weights: tuple[NonNegative, ...] = Field(
+        description="weight of the position error at each point"
+    )
+    d3_weights: tuple[NonNegative, ...] = Field(
+        description="weight of the tangent error at each point"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> WrapSpec:
@@ -174,26 +172,26 @@ class WrapSpec(Strict):
 class PullSpec(Strict):
     """A tip force along a director that an earlier step reached (eq. 44)."""
 
-    force: Annotated[Number, Field(description="force at the last step of the phase, N")]
-    along: Annotated[
-        Literal["d1", "d2", "d3"], Field(description="director that gives the direction")
-    ] = "d3"
-    held_from_step: Annotated[PositiveInt, Field(description=STEP)]
-    ramp: Annotated[
-        bool, Field(description="whether the force grows in equal steps over the phase")
-    ] = True
+    force: Number = Field(description="force at the last step of the phase, N")
+    along: Literal["d1", "d2", "d3"] = Field(
+        default="d3", description="director that gives the direction"
+    )
+    held_from_step: PositiveInt = Field(description=STEP)
+    ramp: bool = Field(
+        default=True, description="whether the force grows in equal steps over the phase"
+    )
 
 
 class LogSpec(Strict):
     """A cylinder that the trunk carries (eqs. 12, 13, 54)."""
 
-    contact_from: Annotated[NonNegative, Field(description="Z_w, where contact starts, m")]
-    radius: Annotated[Positive, Field(description="m")]
-    length: Annotated[Positive, Field(description="m")]
-    density: Annotated[Positive, Field(description="kg/m^3")]
-    offset: Annotated[
-        Number, Field(description="distance from the log's middle to the grip, along e_Y, m")
-    ] = 0.0
+    contact_from: NonNegative = Field(description="Z_w, where contact starts, m")
+    radius: Positive = Field(description="m")
+    length: Positive = Field(description="m")
+    density: Positive = Field(description="kg/m^3")
+    offset: Number = Field(
+        default=0.0, description="distance from the log's middle to the grip, along e_Y, m"
+    )
 
 
 class JumpSpec(Strict):
@@ -203,33 +201,33 @@ class JumpSpec(Strict):
     that of the previous phase is gone.
     """
 
-    tip_force: Annotated[bool, Field(description="whether tip_force jumps")] = False
-    tip_mass: Annotated[bool, Field(description="whether tip_mass jumps")] = True
-    pull: Annotated[bool, Field(description="whether pull jumps")] = True
-    contact: Annotated[
-        bool, Field(description="whether the log, or contact_force and contact_couple, jump")
-    ] = False
+    tip_force: bool = Field(default=False, description="whether tip_force jumps")
+    tip_mass: bool = Field(default=True, description="whether tip_mass jumps")
+    pull: bool = Field(default=True, description="whether pull jumps")
+    contact: bool = Field(
+        default=False, description="whether the log, or contact_force and contact_couple, jump"
+    )
 
 
 class LoadsSpec(Strict):
     """Loads besides the trunk's own weight, during one phase."""
 
-    tip_force: Annotated[Vec3, Field(description="force at the tip, N")] = (0.0, 0.0, 0.0)
-    tip_mass: Annotated[NonNegative, Field(description="mass carried at the tip, kg")] = 0.0
-    pull: Annotated[PullSpec | None, Field(description="pull at the tip (eq. 44)")] = None
-    contact_from: Annotated[
-        NonNegative | None, Field(description="Z_w, where contact loads start, m")
-    ] = None
-    contact_force: Annotated[
-        Vec3, Field(description="total force spread from contact_from to the tip, N")
-    ] = (0.0, 0.0, 0.0)
-    contact_couple: Annotated[
-        Vec3, Field(description="total couple spread from contact_from to the tip, N m")
-    ] = (0.0, 0.0, 0.0)
-    log: Annotated[LogSpec | None, Field(description="log that the trunk carries")] = None
-    jump: Annotated[
-        JumpSpec, Field(description="which loads change abruptly at the start of the phase")
-    ] = JumpSpec()
+    tip_force: Vec3 = Field(default=(0.0, 0.0, 0.0), description="force at the tip, N")
+    tip_mass: NonNegative = Field(default=0.0, description="mass carried at the tip, kg")
+    pull: PullSpec | None = Field(default=None, description="pull at the tip (eq. 44)")
+    contact_from: NonNegative | None = Field(
+        default=None, description="Z_w, where contact loads start, m"
+    )
+    contact_force: Vec3 = Field(
+        default=(0.0, 0.0, 0.0), description="total force spread from contact_from to the tip, N"
+    )
+    contact_couple: Vec3 = Field(
+        default=(0.0, 0.0, 0.0), description="total couple spread from contact_from to the tip, N m"
+    )
+    log: LogSpec | None = Field(default=None, description="log that the trunk carries")
+    jump: JumpSpec = Field(
+        default=JumpSpec(), description="which loads change abruptly at the start of the phase"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> LoadsSpec:
@@ -244,17 +242,15 @@ class LoadsSpec(Strict):
 class LimitsSpec(Strict):
     """Bounds of one phase; those left out are as in the motion's [bounds]."""
 
-    activation: Annotated[
-        Pair | None, Field(description="bounds of all activations; negative contracts")
-    ] = None
-    muscles: Annotated[
-        dict[str, Pair],
-        Field(
-            description="bounds of muscles by name or pattern (R1-dl, *3-dl, L*); later ones "
-            "override earlier ones",
-            max_length=MAX_ENTRIES,
-        ),
-    ] = Field(default_factory=dict)
+    activation: Pair | None = Field(
+        default=None, description="bounds of all activations; negative contracts"
+    )
+    muscles: dict[str, Pair] = Field(
+        default_factory=dict,
+        description="bounds of muscles by name or pattern (R1-dl, *3-dl, L*); later ones "
+        "override earlier ones",
+        max_length=MAX_ENTRIES,
+    )
     head_z_deg: HeadZ = None
     head_y_deg: HeadY = None
 
@@ -273,10 +269,10 @@ class LimitsSpec(Strict):
 class BoundsSpec(LimitsSpec):
     """Bounds of the whole motion."""
 
-    activation: Annotated[Pair, Field(description="bounds of all activations; negative contracts")]
-    extension: Annotated[
-        Pair, Field(description="bounds of the extension of the unloaded, activated trunk (eq. 42)")
-    ]
+    activation: Pair = Field(description="bounds of all activations; negative contracts")
+    extension: Pair = Field(
+        description="bounds of the extension of the unloaded, activated trunk (eq. 42)"
+    )
 
     @model_validator(mode="after")
     def _extension(self) -> BoundsSpec:
@@ -289,19 +285,19 @@ class BoundsSpec(LimitsSpec):
 class ChangeSpec(Strict):
     """Bounds on the change from one time step to the next (appendix B)."""
 
-    steps: Annotated[
-        tuple[PositiveInt, PositiveInt] | None,
-        Field(description="first and last step of the phase that they apply to; default: all"),
-    ] = None
-    activation: Annotated[
-        NonNegative | None, Field(description="largest change of any activation per step")
-    ] = None
-    head_z_deg: Annotated[
-        Pair | None, Field(description="bounds of the change of psi_Z per step, degrees")
-    ] = None
-    head_y_deg: Annotated[
-        Pair | None, Field(description="bounds of the change of psi_Y per step, degrees")
-    ] = None
+    steps: tuple[PositiveInt, PositiveInt] | None = Field(
+        default=None,
+        description="first and last step of the phase that they apply to; default: all",
+    )
+    activation: NonNegative | None = Field(
+        default=None, description="largest change of any activation per step"
+    )
+    head_z_deg: Pair | None = Field(
+        default=None, description="bounds of the change of psi_Z per step, degrees"
+    )
+    head_y_deg: Pair | None = Field(
+        default=None, description="bounds of the change of psi_Y per step, degrees"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> ChangeSpec:
@@ -321,39 +317,37 @@ class AuxiliarySpec(Strict):
     deviation is given.
     """
 
-    activation_deviation: Annotated[
-        NonNegative | None, Field(description="largest deviation of any activation from it")
-    ] = None
-    head_deviation_deg: Annotated[
-        NonNegative | None, Field(description="largest deviation of the head angles from it")
-    ] = None
+    activation_deviation: NonNegative | None = Field(
+        default=None, description="largest deviation of any activation from it"
+    )
+    head_deviation_deg: NonNegative | None = Field(
+        default=None, description="largest deviation of the head angles from it"
+    )
 
 
 class PhaseSpec(Strict):
     """A part of the motion with its own targets, loads and bounds."""
 
-    name: Annotated[Text, Field(description="name for tables and messages")]
-    duration: Annotated[Positive, Field(description="s")]
-    steps: Annotated[
-        PositiveInt, Field(le=MAX_STEPS, description="time steps, at equal intervals")
-    ] = 1
-    interpolation: Annotated[
-        Interpolation, Field(description="of activations and head angles between time steps")
-    ] = "cosine"
-    targets: Annotated[
-        tuple[TargetSpec, ...],
-        Field(max_length=MAX_POINTS, description="targets at each time step of the phase"),
-    ] = ()
-    wrap: Annotated[WrapSpec | None, Field(description="targets around a log")] = None
-    loads: Annotated[LoadsSpec, Field(description="loads during the phase")] = LoadsSpec()
-    bounds: Annotated[LimitsSpec, Field(description="bounds during the phase")] = LimitsSpec()
-    change: Annotated[
-        tuple[ChangeSpec, ...],
-        Field(max_length=MAX_ENTRIES, description="bounds on the change per time step"),
-    ] = ()
-    auxiliary: Annotated[
-        AuxiliarySpec | None, Field(description="unloaded solve before each sequential step")
-    ] = None
+    name: Text = Field(description="name for tables and messages")
+    duration: Positive = Field(description="s")
+    steps: PositiveInt = Field(
+        default=1, le=MAX_STEPS, description="time steps, at equal intervals"
+    )
+    interpolation: Interpolation = Field(
+        default="cosine", description="of activations and head angles between time steps"
+    )
+    targets: tuple[TargetSpec, ...] = Field(
+        default=(), max_length=MAX_POINTS, description="targets at each time step of the phase"
+    )
+    wrap: WrapSpec | None = Field(default=None, description="targets around a log")
+    loads: LoadsSpec = Field(default=LoadsSpec(), description="loads during the phase")
+    bounds: LimitsSpec = Field(default=LimitsSpec(), description="bounds during the phase")
+    change: tuple[ChangeSpec, ...] = Field(
+        default=(), max_length=MAX_ENTRIES, description="bounds on the change per time step"
+    )
+    auxiliary: AuxiliarySpec | None = Field(
+        default=None, description="unloaded solve before each sequential step"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> PhaseSpec:
@@ -374,42 +368,37 @@ class PhaseSpec(Strict):
 class ToleranceSpec(Strict):
     """When a target counts as reached; a motion that misses a target is not solved."""
 
-    position: Annotated[
-        Positive | None,
-        Field(
-            description="largest position error, m; default: 0.02 for a trunk of 1.75 m, in "
-            "proportion for others"
-        ),
-    ] = None
-    direction: Annotated[
-        Positive, Field(description="largest length of the difference of directors")
-    ] = 0.05
+    position: Positive | None = Field(
+        default=None,
+        description="largest position error, m; default: 0.02 for a trunk of 1.75 m, in "
+        "proportion for others",
+    )
+    direction: Positive = Field(
+        default=0.05, description="largest length of the difference of directors"
+    )
 
 
 class ProblemSpec(Strict):
     """A problem file."""
 
-    name: Annotated[
-        str,
-        Field(
-            pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
-            max_length=100,
-            description="short name, also of the folder of results",
-        ),
-    ]
-    title: Annotated[Text, Field(description="title for tables and figures")] = ""
-    anatomy: Annotated[
-        Text, Field(description="shipped name, or path of an anatomy file relative to this file")
-    ] = "asian-elephant"
-    gravity: Annotated[Number, Field(description="m/s^2, along +Z (down)")] = 9.8
-    bounds: Annotated[BoundsSpec, Field(description="bounds during the whole motion")]
-    tolerance: Annotated[ToleranceSpec, Field(description="when targets count as reached")] = (
-        ToleranceSpec()
+    name: str = Field(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
+        max_length=100,
+        description="short name, also of the folder of results",
     )
-    phases: Annotated[
-        tuple[PhaseSpec, ...],
-        Field(min_length=1, max_length=MAX_STEPS, description="phases of the motion, in order"),
-    ]
+    title: Text = Field(default="", description="title for tables and figures")
+    anatomy: Text = Field(
+        default="asian-elephant",
+        description="shipped name, or path of an anatomy file relative to this file",
+    )
+    gravity: Number = Field(default=9.8, description="m/s^2, along +Z (down)")
+    bounds: BoundsSpec = Field(description="bounds during the whole motion")
+    tolerance: ToleranceSpec = Field(
+        default=ToleranceSpec(), description="when targets count as reached"
+    )
+    phases: tuple[PhaseSpec, ...] = Field(
+        min_length=1, max_length=MAX_STEPS, description="phases of the motion, in order"
+    )
 
     @model_validator(mode="after")
     def _planned_together(self) -> ProblemSpec:
