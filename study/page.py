@@ -19,7 +19,7 @@ import numpy as np
 from trunk_ocp.analysis.lookahead_study import TRACKING_ONLY
 from trunk_ocp.analysis.measures import REVERSAL, reversals
 from trunk_ocp.analysis.multistart import SAME
-from trunk_ocp.analysis.redundancy.ranges import AT_REST
+from trunk_ocp.analysis.redundancy.activation_ranges import AT_REST
 from trunk_ocp.problem.motion import load_motion
 
 from . import data

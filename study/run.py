@@ -24,9 +24,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from trunk_ocp.analysis.lookahead_study import Foresight, foresight, front, survey
-from trunk_ocp.analysis.multistart import optima
-from trunk_ocp.analysis.redundancy import needed, redundancy, report
+from trunk_ocp.analysis.lookahead_study import (
+    Foresight,
+    compare_lookaheads,
+    smoothness_tradeoff,
+    survey_limits,
+)
+from trunk_ocp.analysis.multistart import find_optima
+from trunk_ocp.analysis.redundancy import ablate_muscles, analyze_redundancy
 from trunk_ocp.figures import draw_foresight, draw_front, draw_survey
 from trunk_ocp.figures.redundancy import draw_redundancy
 from trunk_ocp.planning.active_bounds import touching
@@ -62,7 +67,7 @@ def compared(name: str, size: Size) -> None:
     """The paper's way and every lookahead."""
     motion = load_motion(name)
     some = (1, 2, len(motion.steps)) if size.quick else None
-    result = foresight(motion, lookaheads=some)
+    result = compare_lookaheads(motion, lookaheads=some)
     data.write(f"compare-{name}", result.as_dict(), size.folder)
     data.write(f"plans-{name}", plans(result), size.folder)
     named = draw_foresight(result, size.folder, ("png",))
@@ -107,7 +112,7 @@ def surveyed(name: str, size: Size) -> None:
     ahead = limits(LOOKAHEADS, name)
     if size.quick:
         most, fastest, ahead = most[:1], fastest[::2], ahead[::4]
-    found = survey(load_motion(name), most, fastest, ahead)
+    found = survey_limits(load_motion(name), most, fastest, ahead)
     data.write(f"survey-{name}", found, size.folder)
     (drawn,) = draw_survey(found, size.folder, ("png",))
     shrunk(drawn.replace(size.folder / f"survey-{name}.png"))
@@ -115,7 +120,7 @@ def surveyed(name: str, size: Size) -> None:
 
 def swept(name: str, size: Size) -> None:
     """Tracking against smoothness."""
-    found = front(load_motion(name), SMOOTHNESS[::3] if size.quick else SMOOTHNESS)
+    found = smoothness_tradeoff(load_motion(name), SMOOTHNESS[::3] if size.quick else SMOOTHNESS)
     data.write(f"front-{name}", found, size.folder)
     (drawn,) = draw_front(found, size.folder, ("png",))
     shrunk(drawn)
@@ -124,16 +129,16 @@ def swept(name: str, size: Size) -> None:
 def started(name: str, size: Size) -> None:
     """The same motion from many starts."""
     for mode, lookahead in (("horizon", None), ("sequential", 1)):
-        found = optima(load_motion(name), lookahead, 1 if size.quick else STARTS)
+        found = find_optima(load_motion(name), lookahead, 1 if size.quick else STARTS)
         data.write(f"optima-{name}-{mode}", found.as_dict(), size.folder)
 
 
 def redundant(name: str, size: Size) -> None:
     """What each muscle could do instead, and what it is needed for."""
-    found = redundancy(plan_motion(load_motion(name)))
+    found = analyze_redundancy(plan_motion(load_motion(name)))
     if not size.quick:
-        found = replace(found, needs=needed(found.plan))
-    told = report(found)
+        found = replace(found, needs=ablate_muscles(found.plan))
+    told = found.as_dict()
     for muscle in told["muscles"]:  # the figure shows them; 2 x 2 x 28 x 22 numbers
         del muscle["range_alone"], muscle["range_joint"]
     for unit in ("range_alone", "range_joint"):

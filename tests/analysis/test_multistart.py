@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from plans import TOUCH, first_steps, shipped, written
 from toys import pointing, shortening
 
-from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, optima, random_motion
+from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, find_optima, random_motion
 from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
@@ -25,7 +25,7 @@ ANGLE = 0.7  # rad, of the rod from +Z
 @cache
 def aimed():
     """A rod that its head alone may turn, from twelve starts."""
-    return optima(pointing((np.sin(ANGLE), 0.0, np.cos(ANGLE))), starts=12, processes=1)
+    return find_optima(pointing((np.sin(ANGLE), 0.0, np.cos(ANGLE))), starts=12, processes=1)
 
 
 # --- a problem whose optima are known ------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plans import TOUCH, first_steps, planned, written
 
-from trunk_ocp.analysis.measures import compare, measure
+from trunk_ocp.analysis.measures import compare, plan_measures
 from trunk_ocp.cli.tables import step_table
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
@@ -193,7 +193,7 @@ def test_a_comparison_has_the_same_measures_of_both_plans(plan):
 def test_largest_change_leaves_out_the_first_step(plan):
     """The motion starts from rest, freely; changes are between planned steps."""
     expected = np.abs(np.diff(plan.activations, axis=0)).max()
-    assert measure(plan).largest_change == pytest.approx(expected, rel=1e-14)
+    assert plan_measures(plan).largest_change == pytest.approx(expected, rel=1e-14)
 
 
 def test_between_equilibria_the_moving_trunk_stays_on_the_planned_one(tmp_path):

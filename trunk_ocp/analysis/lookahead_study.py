@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .._support.process_pool import Done, run
+from .._support.process_pool import Done, run_tasks
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..planning.plan import Plan, Status
@@ -26,7 +26,7 @@ from ..planning.state import Options
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter
-from .measures import DEFINITIONS, REVERSAL, Measures, measure
+from .measures import DEFINITIONS, REVERSAL, Measures, plan_measures
 
 TRACKING_ONLY = Weights(effort=1e-7, rate=0.0)
 """The paper's cost, made well-posed.
@@ -109,9 +109,9 @@ class Curve:
     def as_dict(self) -> dict[str, Any]:
         """Measures of all plans, ready for JSON."""
         return {
-            "lookaheads": {str(H): asdict(measure(plan)) for H, plan in self.plans.items()},
-            "best": asdict(measure(self.best)),
-            "blind_from_best": asdict(measure(self.shown)),
+            "lookaheads": {str(H): asdict(plan_measures(plan)) for H, plan in self.plans.items()},
+            "best": asdict(plan_measures(self.best)),
+            "blind_from_best": asdict(plan_measures(self.shown)),
             "sufficient_lookahead": self.sufficient,
             "worse_than_blind": self.worse_than_blind,
         }
@@ -158,7 +158,7 @@ class Foresight:
         if curve.best is not curve.horizon:
             plans["best horizon"] = curve.best
         plans["blind from best"] = curve.shown
-        return {name: measure(plan, weights) for name, plan in plans.items()}
+        return {name: plan_measures(plan, weights) for name, plan in plans.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """Everything in numbers, with units and definitions; ready for JSON."""
@@ -206,7 +206,7 @@ def definitions() -> dict[str, dict[str, str]]:
     }
 
 
-def foresight(
+def compare_lookaheads(
     motion: Motion,
     activation: float | None = None,
     rate: float | None = None,
@@ -224,7 +224,7 @@ def foresight(
         Limits on every muscle, see `Motion.limited`.
     lookaheads : whole numbers, optional
         By default all; blindness and horizon are always among them.
-    processes, reporter, done : see `parallel.run`
+    processes, reporter, done : see `process_pool.run_tasks`
     """
     options = options or Options()
     limited = motion.limited(activation, rate)
@@ -236,7 +236,7 @@ def foresight(
     return Foresight(paper, costed, curve, {"activation": activation, "rate": rate})
 
 
-def survey(
+def survey_limits(
     motion: Motion,
     activations: Sequence[float | None] = (None,),
     rates: Sequence[float | None] = (None,),
@@ -260,7 +260,7 @@ def survey(
     return {"problem": motion.name, "cells": cells, "definitions": definitions()}
 
 
-def front(
+def smoothness_tradeoff(
     motion: Motion,
     weights: Sequence[float] = tuple(10.0 ** np.arange(-7, -0.9, 0.5)),
     options: Options | None = None,
@@ -276,13 +276,13 @@ def front(
     options, equal = options or Options(), equal_bounds(motion)
     choices = [replace(options, weights=replace(options.weights, rate=w)) for w in weights]
     tasks = [(equal, None, choice, None) for choice in choices]
-    pairs = run(_blind_and_horizon, tasks, processes, reporter, done)
+    pairs = run_tasks(_blind_and_horizon, tasks, processes, reporter, done)
     return {
         "problem": motion.name,
         "rate_weight": list(weights),
         "effort_weight": options.weights.effort,
-        "blind": [asdict(measure(blind)) for blind, _ in pairs],
-        "horizon": [asdict(measure(horizon)) for _, horizon in pairs],
+        "blind": [asdict(plan_measures(blind)) for blind, _ in pairs],
+        "horizon": [asdict(plan_measures(horizon)) for _, horizon in pairs],
         "definitions": definitions(),
     }
 
@@ -312,7 +312,7 @@ def _curves(
     total = len(first) + len(motions) * (len(longer) + 1)
     counts = _Counts(done, total)
     tasks = [*first, *((motion, 1, options, None) for motion in motions)]
-    plans = run(plan_of, tasks, processes, reporter, counts)
+    plans = run_tasks(plan_of, tasks, processes, reporter, counts)
     blind = plans[len(first) :]
     counts.begin(len(tasks))
     tasks = [
@@ -320,7 +320,7 @@ def _curves(
         for motion, start in zip(motions, blind, strict=True)
         for H in longer
     ]
-    others = iter(run(plan_of, tasks, processes, reporter, counts))
+    others = iter(run_tasks(plan_of, tasks, processes, reporter, counts))
     found = [{1: start} | {H: next(others) for H in longer} for start in blind]
     horizons = [_best(motion, some) for motion, some in zip(motions, found, strict=True)]
     tasks = [
@@ -328,13 +328,13 @@ def _curves(
         for motion, some, start in zip(motions, found, horizons, strict=True)
         if start is not some[count]
     ]
-    again = iter(run(plan_of, tasks, processes, reporter))
+    again = iter(run_tasks(plan_of, tasks, processes, reporter))
     best = [
         start if start is some[count] else next(again)
         for some, start in zip(found, horizons, strict=True)
     ]
     tasks = [(motion, plan, options) for motion, plan in zip(motions, best, strict=True)]
-    shown = run(_blind_from, tasks, processes, reporter)
+    shown = run_tasks(_blind_from, tasks, processes, reporter)
     curves = [
         Curve(motion, {H: some[H] for H in chosen}, *pair)
         for motion, some, *pair in zip(motions, found, best, shown, strict=True)

@@ -83,7 +83,7 @@ class Measures:
     seconds: float
 
 
-def measure(plan: Plan, weights: Weights | None = None) -> Measures:
+def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     """Measures of one plan; its objective by other weights than its own if they are given."""
     weights = weights or plan.weights
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
@@ -150,4 +150,4 @@ def time_at_bounds(plan: Plan) -> float:
 
 def compare(sequential: Plan, horizon: Plan) -> dict[str, dict[str, Any]]:
     """Measures of both plans of one motion, by the names of their modes."""
-    return {plan.mode: asdict(measure(plan)) for plan in (sequential, horizon)}
+    return {plan.mode: asdict(plan_measures(plan)) for plan in (sequential, horizon)}

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .._support.process_pool import Done, run
+from .._support.process_pool import Done, run_tasks
 from .._support.ranges import check
 from ..errors import InputError
 from ..model.activation import strains
@@ -26,7 +26,7 @@ from ..problem.mirror import mirrored_unknowns
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .lookahead_study import plan_of, sound
-from .measures import measure
+from .measures import plan_measures
 
 SAME = 0.05
 """Largest difference of any activation, or angle in rad, between two plans that count as one."""
@@ -88,14 +88,14 @@ class Optima:
             "failed": self.failed,
             "same_within": SAME,
             "reported_is_best": self.reported_is_best,
-            "reported": asdict(measure(self.reported)),
+            "reported": asdict(plan_measures(self.reported)),
             "optima": [
                 {
                     "found_from": list(optimum.starts),
                     "distance": distance(optimum.plan.x, best.x),
                     "rms_distance": float(np.sqrt(np.mean((optimum.plan.x - best.x) ** 2))),
                     "head_deg": np.degrees(optimum.plan.head).tolist(),
-                    **asdict(measure(optimum.plan)),
+                    **asdict(plan_measures(optimum.plan)),
                 }
                 for optimum in self.distinct
                 if best is not None
@@ -129,7 +129,7 @@ def distinct(plans: Sequence[tuple[str, Plan]]) -> tuple[Optimum, ...]:
     return tuple(Optimum(plan, tuple(starts)) for plan, starts in found)
 
 
-def optima(
+def find_optima(
     motion: Motion,
     lookahead: int | None = None,
     starts: int = 20,
@@ -147,19 +147,19 @@ def optima(
         Of the latter each step's solve starts where the whole motion of a start has that step.
     starts : number of random starts, beside the reported plan, its mirror image and rest
     seed : of the random starts
-    processes, reporter, done : see `parallel.run`
+    processes, reporter, done : see `process_pool.run_tasks`
     """
     check(starts, "random starts", "starts")
     check(seed, "seed")
     options = options or Options()
-    (reported,) = run(plan_of, [(motion, lookahead, options, None)], 1, reporter)
+    (reported,) = run_tasks(plan_of, [(motion, lookahead, options, None)], 1, reporter)
     guesses = {"reported plan": reported.x, "rest": np.zeros_like(reported.x)}
     with suppress(InputError):  # of a trunk that has no other side
         guesses["mirror image"] = mirrored_unknowns(motion.trunk, reported.x)
     rng = np.random.default_rng(seed)
     guesses |= {f"random {n}": random_motion(motion, rng) for n in range(1, starts + 1)}
     tasks = [(motion, x, lookahead, options) for x in guesses.values()]
-    plans = run(_from, tasks, processes, reporter, done)
+    plans = run_tasks(_from, tasks, processes, reporter, done)
     return Optima(reported, dict(zip(guesses, plans, strict=True)))
 
 

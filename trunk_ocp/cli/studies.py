@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .._support.atomic_files import write
-from ..analysis.lookahead_study import foresight, front, survey
-from ..analysis.multistart import optima
-from ..analysis.redundancy import AblationResult, needed, redundancy, report
+from ..analysis.lookahead_study import compare_lookaheads, smoothness_tradeoff, survey_limits
+from ..analysis.multistart import find_optima
+from ..analysis.redundancy import AblationResult, ablate_muscles, analyze_redundancy
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
@@ -51,12 +51,12 @@ def redundant(run: str, ask: bool, out: Path | None, no_figures: bool) -> None:
     for own, plan in plans.items():
         place = out / own.relative_to(folder) if out else own
         with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
-            found = redundancy(plan)
+            found = analyze_redundancy(plan)
         if ask and plan.near:
             console.print(f"{plan.mode}: --needed is for horizon plans; left out here.")
         elif ask:
             found = replace(found, needs=_needs(plan, console))
-        write(place / "redundancy.json", json.dumps(report(found), indent=2) + "\n")
+        write(place / "redundancy.json", json.dumps(found.as_dict(), indent=2) + "\n")
         console.print(redundancy_table(found))
         console.print(version_table(found))
         if not no_figures:
@@ -78,7 +78,7 @@ def _needs(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
         def show(done: int, total: int, need: AblationResult) -> None:
             line.update(f"planning without each muscle: {done} of {total}")
 
-        return needed(plan, progress=show, reporter=reporter)
+        return ablate_muscles(plan, progress=show, reporter=reporter)
 
 
 def _shared(command: Callable[..., None]) -> Callable[..., None]:
@@ -166,7 +166,7 @@ def compare_ways(
     motion = load_motion(problem)
     folder = out or default_folder(problem, motion) / "compare"
     with _counting(console, motion.name) as (reporter, done):
-        result = foresight(
+        result = compare_lookaheads(
             motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
         )
     report = finite(result.as_dict())
@@ -211,7 +211,7 @@ def compare_ways(
 )
 @click.option("--no-figures", is_flag=True, help="Draw no figure.")
 @_shared
-def survey_limits(
+def survey(
     problem: str,
     max_activations: list[float | None],
     max_rates: list[float | None],
@@ -230,11 +230,11 @@ def survey_limits(
     motion = load_motion(problem)
     folder = out or default_folder(problem, motion) / "survey"
     with _counting(console, f"{motion.name}, limits") as (reporter, done):
-        cells = survey(
+        cells = survey_limits(
             motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
         )
     with _counting(console, f"{motion.name}, smoothness") as (reporter, done):
-        curve = front(motion, processes=processes, reporter=reporter, done=done)
+        curve = smoothness_tradeoff(motion, processes=processes, reporter=reporter, done=done)
     cells, curve = finite(cells), finite(curve)
     if out is None:
         sign(folder.parent, problem, motion)
@@ -287,7 +287,7 @@ def many_starts(
     motion = load_motion(problem)
     folder = out or default_folder(problem, motion) / "optima"
     with _counting(console, motion.name) as (reporter, done):
-        found = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
+        found = find_optima(motion, lookahead, starts, seed, None, processes, reporter, done)
     report = finite(found.as_dict())
     if out is None:
         sign(folder.parent, problem, motion)

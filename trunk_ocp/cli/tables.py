@@ -18,10 +18,10 @@ from rich.text import Text
 
 from ..analysis.diagnosis import Diagnosis
 from ..analysis.lookahead_study import SHARE, Foresight
-from ..analysis.measures import DEFINITIONS, measure
+from ..analysis.measures import DEFINITIONS, plan_measures
 from ..analysis.multistart import SAME, Optima, distance
 from ..analysis.redundancy import Redundancy
-from ..analysis.redundancy.ranges import AT_REST
+from ..analysis.redundancy.activation_ranges import AT_REST
 from ..analysis.redundancy.report import cost, largest
 from ..errors import InputError
 from ..model.anatomy import Trunk
@@ -333,7 +333,7 @@ def optima_table(found: Optima) -> Table:
         table.add_column(name, justify="left" if name == "found from" else "right")
     best = found.distinct[0].plan if found.distinct else found.reported
     for optimum in found.distinct:
-        m = measure(optimum.plan)
+        m = plan_measures(optimum.plan)
         starts, twin = optimum.starts, _mirror_of(optimum.plan, found)
         some = ", ".join(starts[:3]) + (f" and {len(starts) - 3} more" if len(starts) > 3 else "")
         table.add_row(

@@ -19,7 +19,7 @@ from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
 from ..problem.targets import HeldDirection
-from ..rod.buckling import Stability, stability
+from ..rod.buckling import Stability, buckling_margin
 from ..rod.collocation import Mesh
 from ..rod.statics import Shape, refined, solve_statics
 from .verification import Verification, verify
@@ -183,7 +183,7 @@ class Plan:
     @cached_property
     def stability(self) -> Stability:
         """Whether the trunk stays in each planned shape, (H,)."""
-        return stability(self.shape, self.activations, self.loads)
+        return buckling_margin(self.shape, self.activations, self.loads)
 
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:

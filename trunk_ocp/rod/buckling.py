@@ -66,7 +66,9 @@ class Stability:
         return np.asarray(self.margin > NEUTRAL)
 
 
-def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> Stability:
+def buckling_margin(
+    shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]
+) -> Stability:
     """Stability of equilibria (...) as `solve_statics` returned them for the other arguments.
 
     y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials
