@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..errors import InputError
@@ -44,6 +45,7 @@ RANGES = {
     "degree": Range(1, 20),
     "activation limit": Range(0, 1e6, whole=False, above=True),
     "rate limit": Range(0, 1e9, whole=False, above=True),
+    "weight": Range(0, 1e12, whole=False),
     "Z": Range(0, 1e6, whole=False),
 }
 
@@ -62,10 +64,10 @@ def check(value: object, kind: str, name: str = "") -> None:
         raise InputError(f"{name or kind} = {shown(value)}: expected {RANGES[kind]}.")
 
 
-def shown(value: object) -> str:
-    """A value for a message, of thousands of digits or not."""
+def shown(value: object, as_text: Callable[[object], str] = str) -> str:
+    """A value for a message, shortened if it is long."""
     try:
-        text = str(value)
-    except ValueError:  # Python writes no whole numbers of thousands of digits
+        text = as_text(value)
+    except ValueError:  # Python refuses to write whole numbers of thousands of digits
         return "a number of thousands of digits"
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}... ({len(text):,} characters)"

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import write
 from .._support.blas_threads import one_thread
 from .._support.wording import rounded
@@ -95,6 +96,7 @@ class Diagnosis:
         }
 
 
+@check_arguments
 @one_thread()
 def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> Diagnosis:
     """Why a plan is what it is.

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.process_pool import Done, run_tasks
 from ..errors import InputError
 from ..nlp.window import Weights
@@ -206,6 +207,7 @@ def definitions() -> dict[str, dict[str, str]]:
     }
 
 
+@check_arguments
 def compare_lookaheads(
     motion: Motion,
     activation: float | None = None,
@@ -236,6 +238,7 @@ def compare_lookaheads(
     return Foresight(paper, costed, curve, {"activation": activation, "rate": rate})
 
 
+@check_arguments
 def survey_limits(
     motion: Motion,
     activations: Sequence[float | None] = (None,),
@@ -260,6 +263,7 @@ def survey_limits(
     return {"problem": motion.name, "cells": cells, "definitions": definitions()}
 
 
+@check_arguments
 def smoothness_tradeoff(
     motion: Motion,
     weights: Sequence[float] = tuple(10.0 ** np.arange(-7, -0.9, 0.5)),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..nlp.window import Weights
 from ..planning.active_bounds import touching
 from ..planning.plan import Plan, squared_rate
@@ -83,6 +84,7 @@ class Measures:
     seconds: float
 
 
+@check_arguments
 def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     """Measures of one plan; its objective by other weights than its own if they are given."""
     weights = weights or plan.weights
@@ -148,6 +150,7 @@ def time_at_bounds(plan: Plan) -> float:
     return float(below[:, :-2].sum(axis=1) @ np.array(durations))
 
 
+@check_arguments
 def compare(sequential: Plan, horizon: Plan) -> dict[str, dict[str, Any]]:
     """Measures of both plans of one motion, by the names of their modes."""
     return {plan.mode: asdict(plan_measures(plan)) for plan in (sequential, horizon)}

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.process_pool import Done, run_tasks
 from .._support.ranges import check
 from ..errors import InputError
@@ -129,6 +130,7 @@ def distinct(plans: Sequence[tuple[str, Plan]]) -> tuple[Optimum, ...]:
     return tuple(Optimum(plan, tuple(starts)) for plan, starts in found)
 
 
+@check_arguments
 def find_optima(
     motion: Motion,
     lookahead: int | None = None,

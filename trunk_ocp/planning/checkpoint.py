@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import write
 from .._support.provenance import fingerprint, plain, versions
 from ..errors import InputError
@@ -55,6 +56,7 @@ class Checkpoint:
         Wall time that the plan had taken before this process.
     """
 
+    @check_arguments
     def __init__(self, path: str | Path, resume: bool = False) -> None:
         self.path, self.resume = Path(path), resume
         self.seconds = 0.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._support.arguments import check_fields
 from .._support.ranges import check
 from ..errors import InputError
 from ..nlp.window import Weights
@@ -46,6 +47,7 @@ class Options:
     starts: int = 1
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name in ("elements", "degree", "max_iterations", "starts"):
             if (value := getattr(self, name)) is not None:
                 check(value, name)

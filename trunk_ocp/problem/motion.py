@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.toml_files import is_file, read_toml, shipped
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
@@ -130,6 +131,7 @@ class Motion:
     def _asks_what_its_spec_does(self) -> bool:
         return [step.targets for step in self.steps] == all_targets(self.spec, self.trunk)
 
+    @check_arguments
     def shifted(self, offset: Vector) -> Motion:
         """The same motion with every target position moved by `offset` (3,) in m.
 
@@ -152,6 +154,7 @@ class Motion:
         steps = (replace(s, targets=t) for s, t in zip(self.steps, targets, strict=True))
         return replace(self, spec=spec, steps=tuple(steps))
 
+    @check_arguments
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
         """The same motion with weaker or slower muscles; its own narrower bounds stay.
 
@@ -242,6 +245,7 @@ def problems_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "problems"
 
 
+@check_arguments
 def load_motion(name_or_path: str | Path) -> Motion:
     """Read a motion: a shipped name ("pick-fruit") or a path to a problem file.
 

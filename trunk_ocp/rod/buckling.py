@@ -30,6 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import check_activation
@@ -66,6 +67,7 @@ class Stability:
         return np.asarray(self.margin > NEUTRAL)
 
 
+@check_arguments
 def buckling_margin(
     shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]
 ) -> Stability:

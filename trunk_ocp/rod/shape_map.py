@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments, real_array
 from ..errors import InputError, StaticsError, TrunkError
 from ..model.activation import (
     mean_extension,
@@ -91,6 +92,7 @@ class ShapeMap:
     for stability. To follow one, raise the load or the activation by and by, with `start`.
     """
 
+    @check_arguments
     def __init__(
         self,
         trunk: Trunk,
@@ -101,7 +103,7 @@ class ShapeMap:
         strict: bool = True,
     ) -> None:
         loads = Loads() if loads is None else loads
-        _check_arguments(trunk, loads, at, steps, threads)
+        _check_arguments(trunk, at, steps, threads)
         self.trunk, self.loads, self.threads, self.strict = trunk, loads, threads, strict
         self._kernels, self._halvings = _kernels(), HALVINGS
         edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges
@@ -409,17 +411,12 @@ class ShapeMap:
             list(pool.map(work, [slice(a, b) for a, b in itertools.pairwise(bounds)]))
 
 
-def _check_arguments(
-    trunk: Trunk, loads: Loads, at: Sequence[float], steps: int, threads: int
-) -> None:
+def _check_arguments(trunk: Trunk, at: Sequence[float], steps: int, threads: int) -> None:
     """Raise InputError for arguments of a map that are not what they should be."""
-    for name, value, kind in (("trunk", trunk, Trunk), ("loads", loads, Loads)):
-        if not isinstance(value, kind):
-            raise InputError(f"{name}: expected one {kind.__name__}, got {type(value).__name__}.")
     for name, number in (("steps", steps), ("threads", threads)):
         if not isinstance(number, int | np.integer) or number < 1:
             raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
-    points = np.asarray(at, dtype=float)
+    points = real_array(at, "at")
     if points.ndim != 1:
         raise InputError(f"at = {at!r}: expected a list of points Z in m.")
     points_on(trunk, points)

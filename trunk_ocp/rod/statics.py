@@ -15,6 +15,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from .._support.arguments import check_arguments, real_array
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError, StaticsError
 from ..model.activation import mean_extension, segment_at, stiffness, strains
@@ -29,6 +30,7 @@ from .refining import followed, resampled, settled
 from .unloaded import unloaded_states
 
 MAX_ITERATIONS = 30
+FULL_TURN = 2 * np.pi  # larger head angles are most likely in degrees
 TOLERANCE = 1e-7  # on the last Newton step, relative; the error after it is its square
 MESHES = (6, 12, 24, 48)  # elements of the default mesh, the first that resolves the shape
 DEFECT = 1e-5  # with which a shape counts as resolved; see Shape.defect
@@ -119,10 +121,7 @@ class Shape:
         )
 
     def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        try:
-            points = np.atleast_1d(np.asarray(Z, dtype=float))
-        except (TypeError, ValueError):
-            points = np.zeros((0, 0))
+        points = np.atleast_1d(real_array(Z, "Z"))
         if points.ndim != 1:
             raise InputError(f"Z = {Z!r}: expected points of the trunk in m, one number or (n,).")
         return self.mesh.locate(points_on(self.trunk, points))
@@ -143,6 +142,7 @@ def points_on(trunk: Trunk, Z: np.ndarray) -> np.ndarray:
     return Z
 
 
+@check_arguments
 @deferred_interrupts()
 def solve_statics(
     trunk: Trunk,
@@ -238,9 +238,11 @@ def check_controls(
         For wrong shapes, values that are not finite, or an activation that collapses a segment.
     """
     activation = check_activation(trunk, activation)
-    head = np.asarray(head, dtype=float)
+    head = real_array(head, "head")
     if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
         raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
+    if np.abs(head).max(initial=0.0) > FULL_TURN:
+        raise InputError(f"head: expected radians, got {np.abs(head).max():g}; is that in degrees?")
     zeta = strains(trunk, activation)[..., 0]
     if np.any(zeta <= 0) and not collapsed:
         worst = np.unravel_index(np.argmin(zeta), zeta.shape)[:-1]

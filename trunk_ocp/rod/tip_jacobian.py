@@ -12,6 +12,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError
 from ..model.activation import mean_extension, segment_at, segment_fractions, strain_matrix, strains
@@ -25,6 +26,7 @@ from .equations import STATES, STRAINS, point_parameters, rates
 from .statics import Shape, check_controls, edge_units
 
 
+@check_arguments
 @deferred_interrupts()
 def tip_jacobian(
     shape: Shape, activation: np.ndarray, head: np.ndarray | tuple[float, float], loads: Loads
