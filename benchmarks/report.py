@@ -1,4 +1,4 @@
-"""results/benchmarks.md from results/benchmarks.json: the bars, then every comparison."""
+"""results/benchmarks.md from results/benchmarks.json: the targets, then every comparison."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .bars import ERRORS, bars
+from .targets import ERRORS, targets
 from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS, WHOLE
 
 Parts = dict[str, dict[str, Any]]
@@ -55,21 +55,21 @@ def machine(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def bars_met(parts: Parts) -> list[str]:
-    head = ["what", "measured", "bar", "met", "stretch", "met"]
+def targets_met(parts: Parts) -> list[str]:
+    head = ["what", "measured", "target", "met", "stretch", "met"]
     verdict = {True: "yes", False: "**no**", None: "not measured"}
     rows = [
         [
             b.what,
             b.shown,
-            b.bar_shown,
-            verdict[b.met] if b.bar else "-",
+            b.target_shown,
+            verdict[b.met] if b.target else "-",
             b.stretch_shown,
             b.stretch_met,
         ]
-        for b in bars(parts)
+        for b in targets(parts)
     ]
-    return ["## The bars of the issue", "", *table(head, rows)]
+    return ["## Targets", "", *table(head, rows)]
 
 
 def forward(parts: Parts) -> list[str]:
@@ -254,7 +254,7 @@ def main() -> None:
     source = Path(sys.argv[1])
     document = json.loads(source.read_text())
     parts = document["parts"]
-    lines = [*machine(document), *bars_met(parts), *forward(parts), *inverse(parts)]
+    lines = [*machine(document), *targets_met(parts), *forward(parts), *inverse(parts)]
     lines += scaling(parts)
     source.with_suffix(".md").write_text("\n".join(lines).rstrip() + "\n")
 

@@ -27,7 +27,7 @@ from trunk_ocp.problem.motion import load_motion
 from trust import reference
 
 ALLOWED = 1e-4
-"""m; what the issue allows, and the planner's mesh keeps."""
+"""m; the tolerance, which the planner's mesh keeps."""
 REACH, PULL, EAT = 1.5, 2 / 3, 2.0  # s
 PULLS, FORCE, MASS, GRAVITY = 20, 100.0, 8.0, 9.8  # steps, N, kg, m/s^2
 PICKED = REACH + PULL

@@ -14,7 +14,7 @@ from trunk_ocp.codegen.model import reference
 from trunk_ocp.codegen.onnx_model import check_onnx, write_onnx
 from trunk_ocp.codegen.request import CheckError, ToolMissingError
 
-DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
+DOUBLE, SINGLE = 1e-10, 1e-4  # promised agreement
 NAMES = ["position", "directors", "strain"]
 
 
@@ -45,8 +45,8 @@ def controls():
     return exported.inputs()[:, : exported.model().layout.controls]
 
 
-@pytest.mark.parametrize(("single", "bar"), [(False, DOUBLE), (True, SINGLE)])
-def test_shapes_are_those_of_solve_statics_without_loads(folders, controls, single, bar):
+@pytest.mark.parametrize(("single", "tolerance"), [(False, DOUBLE), (True, SINGLE)])
+def test_shapes_are_those_of_solve_statics_without_loads(folders, controls, single, tolerance):
     kind = np.float32 if single else np.float64
     model = session(folders / ("single" if single else "double"))
     parts = model.run(NAMES, feed(controls, kind))
@@ -54,7 +54,7 @@ def test_shapes_are_those_of_solve_statics_without_loads(folders, controls, sing
     assert parts[1].shape == (4, 3, 3, 3)
     x = np.hstack([controls, np.zeros((4, 10))])
     got = np.concatenate([part.reshape(4, 3, -1) for part in parts], axis=-1)
-    assert max(exported.agreement(got, reference(exported.model(), x)[:, :, :16])) < bar
+    assert max(exported.agreement(got, reference(exported.model(), x)[:, :, :16])) < tolerance
 
 
 def test_one_model_takes_any_number_of_shapes(folders, controls):

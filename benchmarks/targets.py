@@ -1,4 +1,4 @@
-"""The bars of the issue, and whether a run met them."""
+"""Performance targets, and whether a run met them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ ERRORS = ("error_in_L", "reference_error_in_L")  # no error is known better than
 
 
 @dataclass(frozen=True)
-class Bar:
-    """A measured value against what was asked: at most `bar`, or at least if `least`."""
+class Target:
+    """A measured value and its target: at most `target`, or at least if `least`."""
 
     what: str
     value: float | None
-    bar: float | None
+    target: float | None
     stretch: float | None = None
     unit: str = "s"
     least: bool = False
@@ -35,7 +35,7 @@ class Bar:
 
     @property
     def met(self) -> bool | None:
-        return self._met(self.bar)
+        return self._met(self.target)
 
     @property
     def stretch_met(self) -> str:
@@ -46,8 +46,8 @@ class Bar:
         return "-" if self.value is None else f"{_number(self.value)} {self.unit}".rstrip()
 
     @property
-    def bar_shown(self) -> str:
-        return self._shown(self.bar)
+    def target_shown(self) -> str:
+        return self._shown(self.target)
 
     @property
     def stretch_shown(self) -> str:
@@ -58,8 +58,8 @@ def _number(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
-def bars(parts: Parts) -> list[Bar]:
-    """Every bar; `value` is None where it was not measured or failed."""
+def targets(parts: Parts) -> list[Target]:
+    """Every target; `value` is None where it was not measured or the part failed."""
     return [*planning(parts), *replanning(parts), *shapes(parts), *growth(parts), checked(parts)]
 
 
@@ -69,20 +69,20 @@ def get(parts: Parts, key: str, name: str, factor: float = 1.0) -> float | None:
     return None if value is None else value * factor
 
 
-def planning(parts: Parts) -> list[Bar]:
+def planning(parts: Parts) -> list[Target]:
     result = []
     for motion in MOTIONS:
         key = f"horizon {motion}"
         solved = str(get_text(parts, key)).startswith("solved")
         value = get(parts, key, "total_seconds") if solved else None
-        result.append(Bar(f"horizon plan, {motion}", value, *PLAN[motion]))
+        result.append(Target(f"horizon plan, {motion}", value, *PLAN[motion]))
     for motion in MOTIONS:
         plan = get(parts, f"horizon {motion}", "total_seconds", 2.0)
         limit = None if plan is None else plan + 2
         value = get(parts, f"command {motion}", "wall_seconds")
-        result.append(Bar(f"`solve-motion {motion}`: 2 x the plan above + 2 s", value, limit))
+        result.append(Target(f"`solve-motion {motion}`: 2 x the plan above + 2 s", value, limit))
     result.append(
-        Bar(
+        Target(
             "peak memory of `solve-motion`, the worst of three",
             worst(get(parts, f"command {motion}", "peak_memory_mb") for motion in MOTIONS),
             300,
@@ -92,28 +92,28 @@ def planning(parts: Parts) -> list[Bar]:
     return result
 
 
-def replanning(parts: Parts) -> list[Bar]:
+def replanning(parts: Parts) -> list[Target]:
     result = []
     for motion in MOTIONS:
         key = f"replan {motion}"
         result += [
-            Bar(
+            Target(
                 f"re-plan, {motion}: iterations, worst",
                 get(parts, key, "worst_iterations"),
                 5,
                 unit="",
             ),
-            Bar(f"re-plan, {motion}: median", get(parts, key, "seconds", 1e3), 150, 40, "ms"),
+            Target(f"re-plan, {motion}: median", get(parts, key, "seconds", 1e3), 150, 40, "ms"),
         ]
     return result
 
 
-def shapes(parts: Parts) -> list[Bar]:
+def shapes(parts: Parts) -> list[Target]:
     return [
-        Bar("one loaded shape, cold", get(parts, "single", "cold_seconds", 1e3), 1, 0.85, "ms"),
-        Bar("one loaded shape, warm", get(parts, "single", "warm_seconds", 1e3), 0.3, unit="ms"),
-        Bar("its error", worst([get(parts, "single", name) for name in ERRORS]), 1e-6, unit="L"),
-        Bar(
+        Target("one loaded shape, cold", get(parts, "single", "cold_seconds", 1e3), 1, 0.85, "ms"),
+        Target("one loaded shape, warm", get(parts, "single", "warm_seconds", 1e3), 0.3, unit="ms"),
+        Target("its error", worst([get(parts, "single", name) for name in ERRORS]), 1e-6, unit="L"),
+        Target(
             "loaded shapes, two cores",
             get(parts, "loaded", "per_second_two_cores"),
             5e3,
@@ -121,26 +121,26 @@ def shapes(parts: Parts) -> list[Bar]:
             "/s",
             True,
         ),
-        Bar(
+        Target(
             "their error",
             worst([get(parts, "loaded", ERRORS[0]), get(parts, "single", ERRORS[1])]),
             1e-5,
             unit="L",
         ),
-        Bar(
+        Target(
             "unloaded shapes, two cores",
             get(parts, "unloaded", "per_second_two_cores"),
             1e6,
             unit="/s",
             least=True,
         ),
-        Bar(
+        Target(
             "tip Jacobian over the shape", get(parts, "single", "jacobian_over_shape"), 3, unit="x"
         ),
     ]
 
 
-def growth(parts: Parts) -> list[Bar]:
+def growth(parts: Parts) -> list[Target]:
     linear = {
         kind: ratio(get(parts, f"{kind} {a}", each), get(parts, f"{kind} {b}", each), b / a)
         for each in ["seconds_per_iteration"]
@@ -151,14 +151,14 @@ def growth(parts: Parts) -> list[Bar]:
     }
     solved = {n: str(get_text(parts, f"whole {n}")).startswith("solved") for n in WHOLE}
     return [
-        Bar("one iteration, 10 -> 80 steps, of linear growth", linear["steps"], 1.25, unit="x"),
-        Bar("the same, 3 -> 24 segments", linear["segments"], 1.25, unit="x"),
-        Bar(
+        Target("one iteration, 10 -> 80 steps, of linear growth", linear["steps"], 1.25, unit="x"),
+        Target("the same, 3 -> 24 segments", linear["segments"], 1.25, unit="x"),
+        Target(
             "24 segments, lift-log horizon, solved and verified",
             get(parts, "whole 24", "total_seconds") if solved[24] else None,
             60,
         ),
-        Bar(
+        Target(
             "99 segments, the same (100 are the stretch)",
             get(parts, "whole 99", "total_seconds") if solved[99] else None,
             None,
@@ -167,8 +167,8 @@ def growth(parts: Parts) -> list[Bar]:
     ]
 
 
-def checked(parts: Parts) -> Bar:
-    return Bar(
+def checked(parts: Parts) -> Target:
+    return Target(
         "verification difference, the worst of three motions",
         worst(get(parts, f"horizon {motion}", "verification_error_m", 1e3) for motion in MOTIONS),
         0.1,
