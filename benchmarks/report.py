@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .targets import ERRORS, targets
 from .jobs import BUDGETS, METHODS, MOTIONS, OPTI, SEGMENTS, STEPS, WAYS, WHOLE
+from .targets import ERRORS, targets
 
 Parts = dict[str, dict[str, Any]]
 

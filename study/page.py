@@ -203,7 +203,7 @@ MEASURED = (
     ("rate, 1/s", "squared_rate", 1.0),
     ("variation", "total_variation", 1.0),
     ("largest change", "largest_change", 1.0),
-    ("turns", "reversals", 1),
+    ("reversals", "reversals", 1),
     ("at bound, s", "time_at_bound", 1.0),
     ("muscles at bound", "saturated_muscles", 1),
     ("head, rad", "head_travel", 1.0),
@@ -225,7 +225,7 @@ def ways_table(motion: Fields) -> str:
             label = names.get(name, name.removeprefix("lookahead "))
             label += "" if own["status"] == "solved" else f" ({own['status']})"
             rows.append([label, *(number(own[key] * unit) for _, key, unit in MEASURED)])
-    return table(["way, or steps ahead", *(head for head, _, _ in MEASURED)], rows)
+    return table(["method, or steps ahead", *(head for head, _, _ in MEASURED)], rows)
 
 
 def lifting_table(found: Fields) -> str:
@@ -239,7 +239,14 @@ def lifting_table(found: Fields) -> str:
                 + [number(m[key]) for key in ("turns", "turning", "third", "largest", "path")]
                 + [number(m["detour"])]
             )
-    head = ["lift", "way", "turns", "muscles that turn", "turns in segment 3", "largest change"]
+    head = [
+        "lift",
+        "method",
+        "reversals",
+        "muscles that reverse",
+        "reversals in segment 3",
+        "largest change",
+    ]
     return table([*head, "path", "path / net change"], rows)
 
 
@@ -258,7 +265,9 @@ def survey_table(survey: Fields) -> str:
         row.append(number(cell["sufficient_lookahead"]))
         rows.append(row)
     titles = [f"{H} ahead, %" for H in ahead]
-    return table(["most activation", "most rate, 1/s", *titles, "best: worst, mm", "suffice"], rows)
+    return table(
+        ["largest activation", "largest rate, 1/s", *titles, "best: worst, mm", "sufficient"], rows
+    )
 
 
 def _but(own: Fields) -> str:
@@ -277,7 +286,7 @@ def front_table(front: Fields) -> str:
             row.append(number(own["reversals"]))
         rows.append(row)
     head = [f"{way}: {what}" for way in ("blind", "horizon") for what in ("tracking", "rate, 1/s",
-                                                                       "turns")]  # fmt: skip
+                                                                       "reversals")]  # fmt: skip
     return table(["weight of rates", *head], rows)
 
 
@@ -348,7 +357,7 @@ def strongest_table(count: int = 4) -> str:
                 row.append(f"{psi[0]:.1f}, {psi[1]:.1f}")
             rows.append(row)
     head = "psi_Z, psi_Y at its end"
-    return table(["motion", "phase", "paper's way", head, "horizon", head], rows)
+    return table(["motion", "phase", "paper's method", head, "horizon", head], rows)
 
 
 def said_table(observed: list[Fields]) -> str:
@@ -362,7 +371,7 @@ def said_table(observed: list[Fields]) -> str:
                              for k, v in o[way]["numbers"].items())  # fmt: skip
             row.append(f"{verdict}: {told}")
         rows.append(row)
-    return table(["§", "the paper says", "our rule", "paper's way", "horizon"], rows)
+    return table(["§", "the paper says", "our rule", "paper's method", "horizon"], rows)
 
 
 def filled(template: str, found: Fields) -> str:

@@ -146,7 +146,8 @@ def _is_a(value: object, kind: Any) -> bool:
             return False
     origin = get_origin(kind) or kind
     if origin in (tuple, Sequence, Iterable):
-        if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+        scalar = isinstance(value, np.ndarray) and value.ndim == 0
+        if scalar or isinstance(value, str | Mapping) or not isinstance(value, Iterable):
             return False
         items = value if isinstance(value, Sized) else ()  # an iterator can be read only once
         return all(

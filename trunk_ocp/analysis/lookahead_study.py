@@ -254,6 +254,8 @@ def survey_limits(
     Arguments as those of `foresight`. "cells" has an entry for each pair of limits.
     """
     pairs = [(activation, rate) for activation in activations for rate in rates]
+    if not pairs:
+        raise InputError("activations and rates: expected one limit of each at least, or None.")
     motions = [equal_bounds(motion.limited(*pair)) for pair in pairs]
     _, curves = _curves(motions, lookaheads, options or Options(), processes, reporter, done)
     cells = [
@@ -306,7 +308,7 @@ def _curves(
     before.
     """
     count = len(motions[0].steps)
-    chosen = sorted({1, count, *(lookaheads or range(1, count + 1))})
+    chosen = sorted({1, count, *(range(1, count + 1) if lookaheads is None else lookaheads)})
     if chosen[0] < 1 or chosen[-1] > count:
         raise InputError(
             f"lookaheads = {chosen}: expected whole numbers from 1 to {count}, the number of "

@@ -59,6 +59,8 @@ class Checkpoint:
     @check_arguments
     def __init__(self, path: str | Path, resume: bool = False) -> None:
         self.path, self.resume = Path(path), resume
+        if not self.path.name:
+            raise InputError(f"path = {path!r}: expected the name of a file.")
         self.seconds = 0.0
         self._newer = self.path.with_name(f"{self.path.stem}-newer{self.path.suffix}")
         self._began = self._saved = time.perf_counter()
