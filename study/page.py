@@ -18,7 +18,7 @@ import numpy as np
 
 from trunk_ocp.analysis.lookahead_study import TRACKING_ONLY
 from trunk_ocp.analysis.measures import REVERSAL, reversals
-from trunk_ocp.analysis.multistart import SAME
+from trunk_ocp.analysis.multistart import SAME_PLAN_TOL
 from trunk_ocp.analysis.redundancy.activation_ranges import AT_REST
 from trunk_ocp.problem.motion import load_motion
 
@@ -73,7 +73,7 @@ def constants(found: Fields) -> Fields:
     random = sum(name.startswith("random") for o in starts for name in o["found_from"])
     return {
         "starts_random": random,
-        "same": SAME,
+        "same": SAME_PLAN_TOL,
         "turn": REVERSAL,
         "tracking_only": TRACKING_ONLY.effort,
         "muscle_count": len(found["lift"]["redundancy"]["muscles"]),

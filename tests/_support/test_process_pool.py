@@ -132,7 +132,7 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
 
 SCRIPT = """
 import trunk_ocp as to
-from trunk_ocp.analysis.lookahead_study import plan_of
+from trunk_ocp.analysis.study_tasks import plan_of
 from trunk_ocp._support.process_pool import run_tasks
 from trunk_ocp.planning.state import Options
 motion = to.load_motion({path!r})

@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 
-from trunk_ocp.analysis.bound_sensitivity import Response
-from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
+from trunk_ocp.analysis.bound_sensitivity import Response, effects
+from trunk_ocp.analysis.diagnosis import explain
+from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.cli import commands
 from trunk_ocp.nlp.ipopt import Optimizer, Solve, rank
 from trunk_ocp.nlp.window import Weights, Window

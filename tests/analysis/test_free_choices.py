@@ -8,8 +8,9 @@ import pytest
 from plans import ROD, TOUCH, planned, shipped, written
 
 from trunk_ocp.analysis import free_choices
-from trunk_ocp.analysis.diagnosis import at_bounds, explain
+from trunk_ocp.analysis.diagnosis import explain
 from trunk_ocp.analysis.free_choices import one_sided
+from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns

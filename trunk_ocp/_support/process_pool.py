@@ -34,7 +34,7 @@ from .ranges import check
 T = TypeVar("T")
 Job = tuple[Callable[..., T], tuple[Any, ...]]
 """A module-level function, which workers can import, and its arguments."""
-Done = Callable[[int, int], object]
+DoneCallback = Callable[[int, int], object]
 """Called with the number of finished tasks and of all tasks."""
 POLL_INTERVAL = 0.2  # s between checks whether the user wants to stop
 CGROUP = Path("/sys/fs/cgroup")
@@ -56,7 +56,7 @@ def run_tasks(
     tasks: Sequence[tuple[Any, ...]],
     processes: int | None = None,
     reporter: Reporter | None = None,
-    done: Done | None = None,
+    done: DoneCallback | None = None,
     on_result: Callable[[int, T], object] | None = None,
 ) -> list[T]:
     """Call a function with the arguments of each task, followed by a reporter.

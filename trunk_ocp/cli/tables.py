@@ -17,9 +17,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ..analysis.diagnosis import Diagnosis
-from ..analysis.lookahead_study import SHARE, Foresight
+from ..analysis.lookahead_study import SUFFICIENT_EXCESS, Foresight
 from ..analysis.measures import DEFINITIONS, plan_measures
-from ..analysis.multistart import SAME, Optima, distance
+from ..analysis.multistart import SAME_PLAN_TOL, Optima, distance
 from ..analysis.redundancy import Redundancy
 from ..analysis.redundancy.activation_ranges import AT_REST
 from ..analysis.redundancy.report import cost, largest
@@ -253,8 +253,8 @@ def _sufficient(result: Foresight) -> str:
     if curve.sufficient is None:
         return "No lookahead suffices."
     told = (
-        f"Knowing {curve.sufficient} of {count} steps comes within {SHARE:.0%} of the best "
-        "horizon's objective"
+        f"Knowing {curve.sufficient} of {count} steps comes within {SUFFICIENT_EXCESS:.0%} of the "
+        "best horizon's objective"
     )
     ending = curve.best.status
     return (
@@ -326,7 +326,7 @@ def optima_table(found: Optima) -> Table:
     table = Table(
         title=f"{found.reported.motion.name}, {found.reported.mode}: distinct local optima",
         caption=f"{len(found.plans)} starts{failed}. The reported plan {verdict}. "
-        f"Plans within {SAME:g} in every activation and angle (rad) count as one.",
+        f"Plans within {SAME_PLAN_TOL:g} in every activation and angle (rad) count as one.",
         box=SIMPLE_HEAD,
     )
     for name in ("objective", "J", "worst, mm", "away", "status", "found from"):
@@ -353,7 +353,10 @@ def _mirror_of(plan: Plan, found: Optima) -> int:
         if optimum.plan is plan:
             return 0
         with suppress(InputError):  # of a trunk that has no other side
-            if distance(mirrored_unknowns(plan.motion.trunk, optimum.plan.x), plan.x) <= SAME:
+            if (
+                distance(mirrored_unknowns(plan.motion.trunk, optimum.plan.x), plan.x)
+                <= SAME_PLAN_TOL
+            ):
                 return row
     return 0
 
