@@ -1,4 +1,4 @@
-"""Whole-motion planning for a muscular trunk: an active Kirchhoff rod in CasADi.
+"""Whole-motion planning for a muscular trunk, modeled as an active Kirchhoff rod in CasADi.
 
 import trunk_ocp as to
 plan = to.plan_motion(to.load_motion("pick-fruit"))

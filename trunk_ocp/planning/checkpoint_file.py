@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .._support.toml_files import LONGEST_JSON, MOST_PARTS, parts_of, printable, read_bytes
+from .._support.toml_files import MAX_JSON, MAX_PARTS, parts_of, printable, read_bytes
 from ..errors import InputError
 from ..nlp.ipopt import Solve
 from ..problem.motion import Motion
@@ -32,7 +32,7 @@ from .state import REFINEMENTS, Options, State, first_mesh
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")
-MOST_TEXT = 2 * LONGEST_JSON + MOST_RECORDS
+MOST_TEXT = 2 * MAX_JSON + MOST_RECORDS
 """Bytes of all but the numbers: problem and anatomy, and records."""
 MOST_STAGES = REFINEMENTS + 2  # the sequential plan, the plan, and once more for each refinement
 END = struct.Struct("<4s4H2LH")  # of a zip archive without a comment
@@ -88,7 +88,7 @@ def read_unfinished(path: Path, motion: Motion, options: Options) -> Unfinished:
     content = read_bytes(path, _most(motion, options))
     with _reading(path):
         identity, progress, values = _members(content)
-        if parts_of(_text(identity)) > 2 * MOST_PARTS + 1000:  # problem, anatomy, and little else
+        if parts_of(_text(identity)) > 2 * MAX_PARTS + 1000:  # problem, anatomy, and little else
             raise InputError("its problem or anatomy is too large")
         depends, told = (table(json_of(_text(part))) for part in (identity, progress))
         return Unfinished(path, depends, told, values)
