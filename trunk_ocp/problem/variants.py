@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from .._support.toml_files import SMALLEST
+from .._support.toml_files import SMALLEST_NUMBER
 from ..errors import InputError
 from .problem_file import (
     BoundsSpec,
@@ -165,7 +165,7 @@ def _row(row: Numbers, change: Point) -> Numbers:
     """A point, or a time and a point, with the point changed."""
     point = change(np.array(row[-3:])).tolist()
     # A file has no numbers as near to zero as the rounding of a difference may be.
-    return (*row[:-3], *(value if abs(value) >= SMALLEST else 0.0 for value in point))
+    return (*row[:-3], *(value if abs(value) >= SMALLEST_NUMBER else 0.0 for value in point))
 
 
 def _reflected(vector: np.ndarray) -> np.ndarray:
