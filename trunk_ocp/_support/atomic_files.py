@@ -67,7 +67,7 @@ def replacing(path: str | Path, lasting: bool = True) -> Iterator[Path]:
             os.replace(unfinished, path)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); free some space or choose "
+            f"{path}: cannot be written ({error.strerror or error}); free some space or name "
             "another folder."
         ) from error
 
@@ -158,17 +158,17 @@ def alone(folder: Path) -> Iterator[None]:
         if path.is_symlink() or (path.exists() and (not path.is_file() or path.stat().st_size)):
             raise InputError(
                 f"{path}: is not a lock file of this program, which would be empty. Move it away "
-                "or choose another folder with --out."
+                "or name another folder with --out."
             )
         lock.acquire(timeout=0)
     except Timeout:
         raise InputError(
             f"{folder}: another run is writing to this folder; wait until it has finished, or "
-            "choose another folder with --out."
+            "name another folder with --out."
         ) from None
     except OSError as error:
         raise InputError(
-            f"{folder}: cannot be written to ({error.strerror or error}); choose another folder "
+            f"{folder}: cannot be written to ({error.strerror or error}); name another folder "
             "with --out."
         ) from None
     try:
@@ -187,7 +187,7 @@ def _make(folder: Path) -> None:
     except FileNotFoundError:
         above = next((place for place in folder.parents if place.exists()), folder)
         raise InputError(
-            f"{folder}: no folder can be created in {above}; choose another folder with --out."
+            f"{folder}: no folder can be created in {above}; name another folder with --out."
         ) from None
 
 
