@@ -169,7 +169,7 @@ def test_a_point_off_the_trunk_is_refused(trunk, Z, what):
 
 @pytest.mark.parametrize("Z", ["a", ["a"], [[1.0]], [1.0, [2.0]], 1j])
 def test_a_point_that_is_no_number_is_refused(trunk, Z):
-    with pytest.raises(InputError, match="Z.*: expected "):
+    with pytest.raises(InputError, match=r"Z.*: expected "):
         solve_statics(trunk, REST).position(Z)
 
 
