@@ -35,7 +35,7 @@ LEAF = TOUCH.replace("[0.6, 0.1, 1.2]", "[0.3, 0.0, -1.0]").replace(
 )
 LEAF += HOLD
 SIDES = "the task is symmetric"
-WORTH = "turning is worth"
+WORTH = "the value of turning"
 
 
 @cache
