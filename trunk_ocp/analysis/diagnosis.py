@@ -134,7 +134,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
 def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
     if plan.status is Status.INTERRUPTED:
         kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
-        advice = "Resume the run; from Python, with Checkpoint(path, resume=True)."
+        advice = "Resume with --resume; from Python, with Checkpoint(path, resume=True)."
         yield Finding("failure", f"interrupted; {kept}", (), advice)
         return
     if plan.status is Status.TIME_LIMIT:
