@@ -168,9 +168,7 @@ def main() -> None:
     """Run the parts, store their times, write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="short version: to out/study, no page")
-    parser.add_argument(
-        "--only", choices=PARTS, action="append", help="one part; may be repeated"
-    )
+    parser.add_argument("--only", choices=PARTS, action="append", help="one part; may be repeated")
     chosen = parser.parse_args()
     size = Size(data.ROOT / "out" / "study" if chosen.quick else data.DATA, chosen.quick)
     failed = []

@@ -135,7 +135,7 @@ def _is_a(value: object, kind: Any) -> bool:
         return isinstance(value, Real) and not isinstance(value, bool) and _is_number(value)
     if kind is int:
         return isinstance(value, Integral) and not isinstance(value, bool)
-    if kind in (str, Path) and "\0" in str(value):
+    if isinstance(value, str | Path) and "\0" in str(value):
         return False  # no file can have such a name
     if kind is bool:
         return isinstance(value, bool | np.bool_)

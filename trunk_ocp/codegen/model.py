@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._support.ranges import shown
 from ..errors import InputError
 from ..model.activation import (
     mean_extension,
@@ -241,7 +242,7 @@ def build_model(
             f"points ({19 * MOST_POINTS} outputs). Export twice, or interpolate between them."
         )
     if not FEWEST <= elements <= MOST:
-        raise InputError(f"--elements {elements}: expected {FEWEST} to {MOST}.")
+        raise InputError(f"--elements {shown(elements)}: expected {FEWEST} to {MOST}.")
     return Model(trunk, Z, Loads() if loads is None else loads, elements)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._support.arguments import real_array
+from .._support.ranges import shown
 from ..errors import InputError
 from .anatomy import Trunk
 
@@ -71,7 +72,7 @@ def _numbers(loads: Loads, name: str, shape: tuple[int, ...]) -> np.ndarray:
         array = real_array(value, name)
         if array.shape == shape and np.all(np.isfinite(array)):
             return array
-    raise InputError(f"loads.{name} = {value!r}: expected {count}.")
+    raise InputError(f"loads.{name} = {shown(value, repr)}: expected {count}.")
 
 
 def vector(v: np.ndarray) -> Vector:

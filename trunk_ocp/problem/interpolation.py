@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from .._support.ranges import shown
 from ..errors import InputError
 from ..model.loads import Loads, vector
 from .motion import Motion
@@ -111,10 +112,10 @@ def _number(t: object) -> float:
     """A time as a number; InputError for what is none."""
     try:
         value = np.asarray(t, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = np.zeros(1)
     if t is None or value.ndim or isinstance(t, str | bytes):
-        raise InputError(f"t = {t!r}: expected one number, a time in s.")
+        raise InputError(f"t = {shown(t, repr)}: expected one number, a time in s.")
     return float(value)
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from .._support.arguments import check_arguments, real_array
+from .._support.ranges import check
 from ..errors import InputError, StaticsError, TrunkError
 from ..model.activation import (
     mean_extension,
@@ -413,9 +414,8 @@ class ShapeMap:
 
 def _check_arguments(trunk: Trunk, at: Sequence[float], steps: int, threads: int) -> None:
     """Raise InputError for arguments of a map that are not what they should be."""
-    for name, number in (("steps", steps), ("threads", threads)):
-        if not isinstance(number, int | np.integer) or number < 1:
-            raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
+    check(int(steps), "elements", "steps")
+    check(int(threads), "processes", "threads")
     points = real_array(at, "at")
     if points.ndim != 1:
         raise InputError(f"at = {at!r}: expected a list of points Z in m.")
