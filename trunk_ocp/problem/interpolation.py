@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from .._support.arguments import real_array
 from .._support.ranges import shown
 from ..errors import InputError
 from ..model.loads import Loads, vector
@@ -111,8 +112,8 @@ def jumps(motion: Motion, planned: Sequence[Loads]) -> tuple[float, ...]:
 def _number(t: object) -> float:
     """A time as a number; InputError for what is none."""
     try:
-        value = np.asarray(t, dtype=float)
-    except (TypeError, ValueError, OverflowError):
+        value = real_array(t, "t")
+    except InputError:
         value = np.zeros(1)
     if t is None or value.ndim or isinstance(t, str | bytes):
         raise InputError(f"t = {shown(t, repr)}: expected one number, a time in s.")
