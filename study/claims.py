@@ -1,4 +1,4 @@
-"""What the words of page.md rely on, each a condition on the data."""
+"""The claims of page.md, each a condition on the data."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ LIFTS = ("lift", "tilt")
 
 
 def _least(*conditions: Callable[[Fields], bool]) -> Callable[[Fields], bool]:
-    return lambda found: all(holds(found) for holds in conditions)
+    return lambda facts: all(holds(facts) for holds in conditions)
 
 
-def _tracks_better(found: Fields) -> bool:
-    fronts = [found[short]["front"] for short in LIFTS]
+def _tracks_better(facts: Fields) -> bool:
+    fronts = [facts[short]["front"] for short in LIFTS]
     return all(
         horizon["tracking"] < blind["tracking"]
         for front in fronts
@@ -26,8 +26,8 @@ def _tracks_better(found: Fields) -> bool:
     )
 
 
-def _mirrored(found: Fields) -> bool:
-    optima = found["lift"]["optima"]["horizon"]["optima"]
+def _mirrored(facts: Fields) -> bool:
+    optima = facts["lift"]["optima"]["horizon"]["optima"]
     return (
         len(optima) == 2
         and "mirror image" in optima[1]["found_from"]
@@ -35,42 +35,42 @@ def _mirrored(found: Fields) -> bool:
     )
 
 
-def _wrap_costs_more(found: Fields) -> bool:
-    """Foresight's wrap is no better than the blind one, which is the best wrap there is."""
-    return found["lift"]["first_J"]["horizon"] > found["lift"]["first_J"]["blind"]
+def _wrap_costs_more(facts: Fields) -> bool:
+    """The wrap with foresight costs more than the blind one, which is the best wrap by itself."""
+    return facts["lift"]["first_J"]["horizon"] > facts["lift"]["first_J"]["blind"]
 
 
 def _verdict(words: str, way: str) -> Callable[[Fields], bool]:
-    return lambda found: (
-        all(o[way]["agrees"] for o in found["observations"] if words in o["says"])
-        and any(words in o["says"] for o in found["observations"])
+    return lambda facts: (
+        all(o[way]["agrees"] for o in facts["observations"] if words in o["says"])
+        and any(words in o["says"] for o in facts["observations"])
     )
 
 
 def _not(holds: Callable[[Fields], bool]) -> Callable[[Fields], bool]:
-    return lambda found: not holds(found)
+    return lambda facts: not holds(facts)
 
 
 def _both(words: str) -> Callable[[Fields], bool]:
     return _least(_verdict(words, "paper"), _verdict(words, "horizon"))
 
 
-def _reachable(found: Fields) -> bool:
+def _reachable(facts: Fields) -> bool:
     """The bounds on psi_Y and its changes add up to more than the paper's angle."""
     steps = load_motion("lift-log-asymmetric").steps
     highest = steps[1].box.upper[-1] + sum(step.change.upper[-1] for step in steps[2:])
     return bool(np.degrees(highest) > 30.5)
 
 
-def _needed_third(found: Fields) -> bool:
-    return bool(found["least_loss"] > 2 and found["vr_loss"] < 0.1)
+def _needed_third(facts: Fields) -> bool:
+    return bool(facts["least_loss"] > 2 and facts["vr_loss"] < 0.1)
 
 
-def _crossed(found: Fields) -> bool:
+def _crossed(facts: Fields) -> bool:
     """The horizon eats by R1-ovo and L1-ivo."""
-    (told,) = (o for o in found["observations"] if "in balance" in o["says"])
-    level = told["horizon"]["numbers"]
-    kinds = {m["name"]: m["kind"] for m in found["pick"]["redundancy"]["muscles"]}
+    (balance,) = (o for o in facts["observations"] if "in balance" in o["says"])
+    level = balance["horizon"]["numbers"]
+    kinds = {m["name"]: m["kind"] for m in facts["pick"]["redundancy"]["muscles"]}
     return all(
         level[busy] > 0.5 and level[idle] < 0.1 and kinds[busy] == "must work"
         for busy, idle in (("R1-ovo", "L1-ovo"), ("L1-ivo", "R1-ivo"))
@@ -172,7 +172,7 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
         for way in ("paper", "horizon")
     ),
     "no return to the bound in the symmetric lift": _least(
-        *(_not(_verdict("They draw back", way)) for way in ("paper", "horizon"))
+        *(_not(_verdict("They leave it", way)) for way in ("paper", "horizon"))
     ),
     "balanced obliques: the paper's way does, the horizon not": _least(
         _verdict("in balance", "paper"), _not(_verdict("in balance", "horizon"))
@@ -187,4 +187,4 @@ CLAIMS: dict[str, Callable[[Fields], bool]] = {
         _both("turns most of the three"),
     ),
 }
-"""By the sentence that each stands for."""
+"""By the sentence that each represents."""

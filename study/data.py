@@ -1,4 +1,4 @@
-"""Where the study keeps its data, and how: small JSON files of six significant digits."""
+"""Storage of the study's data: small JSON files with six significant digits."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DIGITS = 6
 
 
 def rounded(value: Any) -> Any:
-    """The same with every float to `DIGITS` significant digits."""
+    """A value with every float rounded to `DIGITS` significant digits."""
     if isinstance(value, dict):
         return {key: rounded(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -25,12 +25,12 @@ def rounded(value: Any) -> Any:
 
 
 def write(name: str, value: Any, folder: Path = DATA) -> None:
-    """Keep one part's data."""
+    """Write the data of one part."""
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(rounded(finite(value)), indent=1, allow_nan=False)
     (folder / f"{name}.json").write_text(text + "\n")
 
 
 def read(name: str, folder: Path = DATA) -> Any:
-    """One part's data."""
+    """Read the data of one part."""
     return json.loads((folder / f"{name}.json").read_text())

@@ -1,7 +1,7 @@
-"""What section 6 of the paper says in words about each motion, and the number that tests it.
+"""The statements of section 6 of the paper about each motion, and the numbers that test them.
 
-The statements are told in our words; the paper gives curves and few numbers, so each has a rule
-of our own that decides. "Mean" is of the sizes of activations over muscles and time steps.
+The statements are paraphrased; the paper gives curves and few numbers, so a rule of ours decides
+each. "Mean" is the mean |activation| over muscles and time steps.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ GROUPS = ("dl", "ovo", "ivo", "dr", "vr")
 
 
 class Seen:
-    """One plan of one motion, to ask about its muscles."""
+    """One plan of one motion, with means and curves of its muscles."""
 
     def __init__(self, plans: Mapping[str, Any], way: str) -> None:
-        found = plans["ways"][way]
-        self.size = np.abs(found["activations"])
-        self.head = np.array(found["head_deg"])
-        self.at_bound = found["at_bound"]
+        plan = plans["ways"][way]
+        self.size = np.abs(plan["activations"])
+        self.head = np.array(plan["head_deg"])
+        self.at_bound = plan["at_bound"]
         self.muscles = plans["muscles"]
         self.phases = np.array(plans["phases"])
 
@@ -39,7 +39,7 @@ class Seen:
         side: str | None = None,
         phases: tuple[str, ...] = (),
     ) -> float:
-        """Mean size of some muscles' activations in some phases; all by default."""
+        """Mean |activation| of some muscles in some phases; by default of all in all."""
         chosen = [
             (not groups or m["group"] in groups)
             and (segment is None or m["segment"] == segment)
@@ -50,11 +50,11 @@ class Seen:
         return float(self.size[rows][:, chosen].mean())
 
     def curve(self, name: str) -> np.ndarray:
-        """Sizes of one muscle's activation at all time steps."""
+        """|activation| of one muscle at all time steps."""
         return self.size[:, [m["name"] for m in self.muscles].index(name)]
 
     def level(self, name: str, *phases: str) -> float:
-        """Mean size of one muscle's activation in some phases."""
+        """Mean |activation| of one muscle in some phases."""
         return float(self.curve(name)[np.isin(self.phases, phases)].mean())
 
     def changes(self, first: int, last: int) -> float:
@@ -63,7 +63,7 @@ class Seen:
 
     @property
     def head_travel(self) -> float:
-        """Sum of the sizes of all changes of both head angles, degrees, from rest on."""
+        """Sum of the magnitudes of all changes of both head angles, degrees, starting from rest."""
         return float(np.abs(np.diff(np.vstack([np.zeros(2), self.head]), axis=0)).sum())
 
 
@@ -78,9 +78,9 @@ class Observation:
     Attributes
     ----------
     rule : str
-        What the numbers must satisfy, in words.
+        The condition on the numbers, in words.
     numbers : callable
-        Of the three motions; the first numbers to show, and whether the rule holds.
+        Takes the three motions; returns the numbers to show and whether the rule holds.
     """
 
     motion: str
@@ -103,7 +103,7 @@ def _tilt(trio: Trio) -> Seen:
 
 
 def _by_group(seen: Seen, segment: int | None = None, *phases: str) -> dict[str, float]:
-    """Means by group, of those that the segment has."""
+    """Means by group, for the groups of a segment."""
     have = {m["group"] for m in seen.muscles if segment is None or m["segment"] == segment}
     return {g: seen.mean(g, segment=segment, phases=phases) for g in GROUPS if g in have}
 
@@ -135,7 +135,7 @@ def _mouth_balanced(trio: Trio) -> tuple[dict[str, float], bool]:
 
 
 def uneven(right: float, left: float) -> float:
-    """0 if both sides contract alike, 1 if only one does."""
+    """0 if both sides contract equally, 1 if only one does."""
     return abs(right - left) / max(right + left, 1e-9)
 
 
@@ -201,10 +201,10 @@ def _outer_third(trio: Trio) -> tuple[dict[str, float], bool]:
 
 def _third_even(trio: Trio) -> tuple[dict[str, float], bool]:
     seen = _lift(trio)
-    found = {
+    numbers = {
         g: uneven(*(seen.mean(g, segment=3, side=side) for side in "RL")) for g in ("ovo", *RADIAL)
     }
-    return found, max(found.values()) < 0.2
+    return numbers, max(numbers.values()) < 0.2
 
 
 def _left_inner(trio: Trio) -> tuple[dict[str, float], bool]:
@@ -266,8 +266,8 @@ def _same_first(trio: Trio) -> tuple[dict[str, float], bool]:
 
 
 def _couple(trio: Trio) -> tuple[dict[str, float], bool]:
-    found = {"asymmetric": _tilt(trio).changes(0, 1), "symmetric": _lift(trio).changes(0, 1)}
-    return found, found["asymmetric"] >= 2 * found["symmetric"]
+    numbers = {"asymmetric": _tilt(trio).changes(0, 1), "symmetric": _lift(trio).changes(0, 1)}
+    return numbers, numbers["asymmetric"] >= 2 * numbers["symmetric"]
 
 
 def _lower(segment: int, group: str) -> Callable[[Trio], tuple[dict[str, float], bool]]:
@@ -289,8 +289,8 @@ def _uneven(segment: int, group: str) -> Callable[[Trio], tuple[dict[str, float]
 
 
 def _larger_changes(trio: Trio) -> tuple[dict[str, float], bool]:
-    found = {"asymmetric": _tilt(trio).changes(1, 9), "symmetric": _lift(trio).changes(1, 9)}
-    return found, found["asymmetric"] > found["symmetric"]
+    numbers = {"asymmetric": _tilt(trio).changes(1, 9), "symmetric": _lift(trio).changes(1, 9)}
+    return numbers, numbers["asymmetric"] > numbers["symmetric"]
 
 
 def _returns_tilted(trio: Trio) -> tuple[dict[str, float], bool]:
@@ -321,12 +321,12 @@ OBSERVATIONS = (
                 "segment 2.", "mean in segment 2 at least twice that in segment 1", _mouth_radial),
     Observation(PICK, "6.1", "To the mouth: in segment 2 left obliques work more than right ones.",
                 "larger mean on the left", _mouth_left),
-    Observation(PICK, "6.1", "To the mouth: segment 2's longitudinal muscles are next to idle.",
+    Observation(PICK, "6.1", "To the mouth: the longitudinal muscles of segment 2 are almost idle.",
                 "mean below 0.1", _mouth_longitudinal),
     Observation(PICK, "6.1", "To the mouth: longitudinal muscles bend segment 3.",
                 "dl has the largest mean in segment 3", _mouth_third),
     Observation(LIFT, "6.2", "The head turns more than for the fruit.",
-                "longer way of both head angles together (degrees)", _head_lift),
+                "longer path of both head angles together (degrees)", _head_lift),
     Observation(LIFT, "6.2", "Of all groups the longitudinal muscles are used least.",
                 "dl has the smallest mean", _least_longitudinal),
     Observation(LIFT, "6.2", "Where they are used at all, it is in segment 1.",
@@ -338,7 +338,7 @@ OBSERVATIONS = (
     Observation(LIFT, "6.2", "They are largest in segment 3.", "largest mean", _radial_third),
     Observation(LIFT, "6.2", "Of the obliques the outer ones of segment 3 contract most.",
                 "largest mean of obliques", _outer_third),
-    Observation(LIFT, "6.2", "Segment 3 contracts nearly alike on both sides.",
+    Observation(LIFT, "6.2", "Segment 3 contracts almost equally on both sides.",
                 "each group uneven by less than 20 %", _third_even),
     Observation(LIFT, "6.2", "The left inner ventral oblique of segment 1 works hard, and twists.",
                 "largest mean of the inner obliques", _left_inner),
@@ -348,21 +348,21 @@ OBSERVATIONS = (
                 "without the right.", "left at least twice right, above 0.1", _left_ventral),
     Observation(LIFT, "6.2", "Dorsal radial muscles of segment 3 are at their bound when lifting "
                 "begins.", "at the bound at step 2", _saturated),
-    Observation(LIFT, "6.2", "They draw back from it and reach it again in mid-lift: the "
-                "reorganization.", f"a turn of more than {REVERSAL:g} both ways", _returns),
+    Observation(LIFT, "6.2", "They leave it and reach it again in mid-lift: the "
+                "reorganization.", f"a reversal of more than {REVERSAL:g}", _returns),
     Observation(LIFT, "6.2", "Activations go up and down during the lift.",
-                "a quarter of the muscles turn", _turning),
+                "at least a quarter of the muscles reverse", _turning),
     Observation(TILT, "6.3", "psi_Y reaches about 30.5 degrees.", "within 3 degrees", _angle),
     Observation(TILT, "6.3", "The head turns most of the three motions.",
-                "longest way of both head angles together (degrees)", _most_head),
+                "longest path of both head angles together (degrees)", _most_head),
     Observation(TILT, "6.3", "The first phase is that of the symmetric lift.",
                 "no activation at step 1 differs by 0.01", _same_first),
     Observation(TILT, "6.3", "Activations change a lot when the couple sets in.",
                 "largest change from step 1 to 2 at least twice the symmetric lift's", _couple),
     *(
-        Observation(TILT, "6.3", f"Lifting: {said}, the right contracts much less than the left.",
+        Observation(TILT, "6.3", f"Lifting: {muscle}, the right contracts much less than the left.",
                     "right at most two thirds of left", _lower(segment, group))
-        for said, segment, group in (
+        for muscle, segment, group in (
             ("outer ventral oblique of segment 1", 1, "ovo"),
             ("outer ventral oblique of segment 3", 3, "ovo"),
             ("inner ventral oblique of segment 1", 1, "ivo"),
@@ -374,9 +374,9 @@ OBSERVATIONS = (
     Observation(TILT, "6.3", "Lifting: so do ventral radial muscles of segment 3.",
                 "uneven by more than 20 %", _uneven(3, "vr")),
     Observation(TILT, "6.3", "Lifting: changes from step to step are larger than in the symmetric "
-                "lift.", "larger largest change", _larger_changes),
-    Observation(TILT, "6.3", "Dorsal radial muscles of segment 3 reorganize here too.",
-                f"a turn of more than {REVERSAL:g} both ways", _returns_tilted),
+                "lift.", "a larger maximum change", _larger_changes),
+    Observation(TILT, "6.3", "Dorsal radial muscles of segment 3 reorganize here as well.",
+                f"a reversal of more than {REVERSAL:g}", _returns_tilted),
     Observation(TILT, "6.3", f"Lifting: {', '.join(WEAKER)} contract less than in the symmetric "
                 "lift.", "all six have a smaller mean", _weaker),
 )  # fmt: skip
@@ -384,10 +384,10 @@ OBSERVATIONS = (
 
 
 def observed() -> list[dict[str, Any]]:
-    """Every statement with its numbers and verdicts, from the plans that are kept."""
+    """Every statement with its numbers and verdicts, from the stored plans."""
     plans = {name: data.read(f"plans-{name}") for name in data.MOTIONS}
     trios = {way: {name: Seen(plans[name], way) for name in plans} for way in WAYS}
-    told = []
+    entries = []
     for o in OBSERVATIONS:
         entry: dict[str, Any] = {
             "motion": o.motion, "section": o.section, "says": o.says, "rule": o.rule
@@ -395,5 +395,5 @@ def observed() -> list[dict[str, Any]]:
         for way in WAYS:
             numbers, agrees = o.numbers(trios[way])
             entry[way] = {"numbers": numbers, "agrees": bool(agrees)}
-        told.append(entry)
-    return told
+        entries.append(entry)
+    return entries

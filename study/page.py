@@ -1,9 +1,9 @@
-"""docs/foresight.md from the kept data: prose with fields, tables, and what the prose relies on.
+"""docs/foresight.md from the stored data: text with fields, tables, and a check of its claims.
 
     python -m study.page
 
-Every number in the page is a field of `page.md`, looked up in the data; `CLAIMS` are what its
-words say, as conditions on the same data. If one of them does not hold the page is not written.
+Every number on the page is a field of `page.md`, looked up in the data. `CLAIMS` are its
+statements as conditions on the same data; if one of them does not hold, the page is not written.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 
 from trunk_ocp.analysis.lookahead_study import TRACKING_ONLY
 from trunk_ocp.analysis.measures import REVERSAL, reversals
-from trunk_ocp.analysis.multistart import SAME
-from trunk_ocp.analysis.redundancy.ranges import AT_REST
+from trunk_ocp.analysis.multistart import SAME_PLAN_TOL
+from trunk_ocp.analysis.redundancy.activation_ranges import AT_REST
 from trunk_ocp.problem.build import load_motion
 
 from . import data
@@ -28,55 +28,55 @@ TEMPLATE = Path(__file__).with_name("page.md")
 SHORT = {"pick-fruit": "pick", "lift-log": "lift", "lift-log-asymmetric": "tilt"}
 WAYS = {"paper": "paper", "paper, same cost": "costed", "blind": "blind", "horizon": "horizon"}
 FINE, COARSE = REVERSAL / 2, 2 * REVERSAL
-"""Other thresholds of a turn, to see whether it matters."""
+"""Other thresholds of a reversal, to see whether it matters."""
 Fields = dict[str, Any]
 
 
 def fields() -> Fields:
-    """All data and what follows from it, by the short name of each motion."""
-    found: Fields = {"times": data.read("times")}
+    """All data and derived numbers, by the short name of each motion."""
+    facts: Fields = {"times": data.read("times")}
     for name in data.MOTIONS:
-        found[SHORT[name]] = motion_fields(name)
-    found["observations"] = observed = data.read("observations")
+        facts[SHORT[name]] = motion_fields(name)
+    facts["observations"] = observed = data.read("observations")
     for way in ("paper", "horizon"):
-        found[f"agree_{way}"] = sum(o[way]["agrees"] for o in observed)
-    found["statements"] = len(observed)
+        facts[f"agree_{way}"] = sum(o[way]["agrees"] for o in observed)
+    facts["statements"] = len(observed)
     losses = {
         (short, need["muscles"][0]): need["ratio"]
         for short in ("lift", "tilt")
-        for need in found[short]["redundancy"]["without"]
+        for need in facts[short]["redundancy"]["without"]
     }
-    found["least_loss"] = min(v for (_, m), v in losses.items() if m[1:] in ("3-ovo", "3-dr"))
-    found["vr_loss"] = max(v for (_, m), v in losses.items() if m[1:] == "3-vr") - 1
-    found["agree_both"] = sum(o["paper"]["agrees"] and o["horizon"]["agrees"] for o in observed)
-    found["agree_neither"] = sum(
+    facts["least_loss"] = min(v for (_, m), v in losses.items() if m[1:] in ("3-ovo", "3-dr"))
+    facts["vr_loss"] = max(v for (_, m), v in losses.items() if m[1:] == "3-vr") - 1
+    facts["agree_both"] = sum(o["paper"]["agrees"] and o["horizon"]["agrees"] for o in observed)
+    facts["agree_neither"] = sum(
         not o["paper"]["agrees"] and not o["horizon"]["agrees"] for o in observed
     )
-    found["minutes"] = sum(part["seconds"] for part in found["times"]["parts"].values()) / 60
-    found["load"] = max(part["load_before"] for part in found["times"]["parts"].values())
-    found |= constants(found) | counted(found)
+    facts["minutes"] = sum(part["seconds"] for part in facts["times"]["parts"].values()) / 60
+    facts["load"] = max(part["load_before"] for part in facts["times"]["parts"].values())
+    facts |= constants(facts) | counted(facts)
     for short in SHORT.values():
-        found[f"{short}_ways"] = ways_table(found[short])
-        found[f"{short}_front"] = front_table(found[short]["front"])
-        found[f"{short}_survey"] = survey_table(found[short]["survey"])
-    found["said"] = said_table(observed)
-    found["optima"] = optima_table(found)
-    found["muscles"] = muscles_table(found)
-    found["strongest"] = strongest_table()
-    found["lifting"] = lifting_table(found)
-    return found
+        facts[f"{short}_ways"] = ways_table(facts[short])
+        facts[f"{short}_front"] = front_table(facts[short]["front"])
+        facts[f"{short}_survey"] = survey_table(facts[short]["survey"])
+    facts["said"] = observations_table(observed)
+    facts["optima"] = optima_table(facts)
+    facts["muscles"] = muscles_table(facts)
+    facts["strongest"] = strongest_table()
+    facts["lifting"] = lifting_table(facts)
+    return facts
 
 
-def constants(found: Fields) -> Fields:
-    """What the study was made with."""
-    starts = found["lift"]["optima"]["horizon"]["optima"]
+def constants(facts: Fields) -> Fields:
+    """Constants of the study."""
+    starts = facts["lift"]["optima"]["horizon"]["optima"]
     random = sum(name.startswith("random") for o in starts for name in o["found_from"])
     return {
         "starts_random": random,
-        "same": SAME,
+        "same": SAME_PLAN_TOL,
         "turn": REVERSAL,
         "tracking_only": TRACKING_ONLY.effort,
-        "muscle_count": len(found["lift"]["redundancy"]["muscles"]),
+        "muscle_count": len(facts["lift"]["redundancy"]["muscles"]),
         "fine": FINE,
         "coarse": COARSE,
         "at_rest": AT_REST,
@@ -84,9 +84,9 @@ def constants(found: Fields) -> Fields:
     }
 
 
-def counted(found: Fields) -> Fields:
-    """Cells of all surveys in which something happens."""
-    cells = [cell for short in SHORT.values() for cell in found[short]["survey"]["cells"]]
+def counted(facts: Fields) -> Fields:
+    """Numbers of cells of all surveys by what happens in them."""
+    cells = [cell for short in SHORT.values() for cell in facts[short]["survey"]["cells"]]
     solved = [
         (cell["best"]["status"] == "solved", cell["lookaheads"]["1"]["status"] == "solved")
         for cell in cells
@@ -102,7 +102,7 @@ def counted(found: Fields) -> Fields:
 
 
 def motion_fields(name: str) -> Fields:
-    """What is known of one motion."""
+    """All data of one motion, and derived numbers."""
     compared = data.read(f"compare-{name}")
     measures = compared["measures"]
     plans = data.read(f"plans-{name}")
@@ -110,7 +110,7 @@ def motion_fields(name: str) -> Fields:
     count = len(plans["times"])
     ways |= {"blind": measures["lookahead 1"], "horizon": measures[f"lookahead {count}"]}
     ways["best"] = measures.get("best horizon", ways["horizon"])
-    found: Fields = {
+    facts: Fields = {
         "steps": count,
         "measures": measures,
         "ways": ways,
@@ -123,27 +123,27 @@ def motion_fields(name: str) -> Fields:
         "redundancy": data.read(f"redundancy-{name}"),
         "optima": {mode: data.read(f"optima-{name}-{mode}") for mode in ("horizon", "sequential")},
     }
-    for cell in found["survey"]["cells"]:
+    for cell in facts["survey"]["cells"]:
         blind = cell["lookaheads"]["1"]["planner_objective"]
         cell["blind_excess"] = blind / cell["best"]["planner_objective"] - 1
-    found["pulls"] = plans["phases"].count("pull")
-    found["psi"] = {short: turned(plans, long) for long, short in WAYS.items()}
-    costs = [o["planner_objective"] for o in found["optima"]["horizon"]["optima"]]
-    found["worst_optimum"] = costs[-1] / costs[0]
-    found["first_J"] = {short: plans["ways"][long]["J"][0] for long, short in WAYS.items()}
-    found["saved"] = 1 - ways["best"]["planner_objective"] / ways["blind"]["planner_objective"]
-    found["J_saved"] = 1 - ways["best"]["paper_objective"] / ways["blind"]["paper_objective"]
-    found["J_paper"] = 1 - ways["best"]["paper_objective"] / ways["paper"]["paper_objective"]
-    kinds = [muscle["kind"] for muscle in found["redundancy"]["muscles"]]
-    found["kinds"] = {kind.replace(" ", "_"): kinds.count(kind) for kind in sorted(set(kinds))}
-    found["kinds"].setdefault("determined", 0)
-    found["missed_without"] = ", ".join(
+    facts["pulls"] = plans["phases"].count("pull")
+    facts["psi"] = {short: turned(plans, long) for long, short in WAYS.items()}
+    costs = [o["planner_objective"] for o in facts["optima"]["horizon"]["optima"]]
+    facts["worst_optimum"] = costs[-1] / costs[0]
+    facts["first_J"] = {short: plans["ways"][long]["J"][0] for long, short in WAYS.items()}
+    facts["saved"] = 1 - ways["best"]["planner_objective"] / ways["blind"]["planner_objective"]
+    facts["J_saved"] = 1 - ways["best"]["paper_objective"] / ways["blind"]["paper_objective"]
+    facts["J_paper"] = 1 - ways["best"]["paper_objective"] / ways["paper"]["paper_objective"]
+    kinds = [muscle["kind"] for muscle in facts["redundancy"]["muscles"]]
+    facts["kinds"] = {kind.replace(" ", "_"): kinds.count(kind) for kind in sorted(set(kinds))}
+    facts["kinds"].setdefault("determined", 0)
+    facts["missed_without"] = ", ".join(
         need["muscles"][0]
-        for need in found["redundancy"]["without"]
+        for need in facts["redundancy"]["without"]
         if need["status"] != "solved"
     ) or "none"  # fmt: skip
-    found["costly"] = max(found["redundancy"]["without"], key=lambda need: need["ratio"])
-    return found
+    facts["costly"] = max(facts["redundancy"]["without"], key=lambda need: need["ratio"])
+    return facts
 
 
 def turned(plans: Fields, way: str) -> Fields:
@@ -157,9 +157,9 @@ def turned(plans: Fields, way: str) -> Fields:
 
 
 def moving(plans: Fields, way: str) -> Fields:
-    """How much activations move from the first step of the last phase but one on.
+    """How much activations move from step 2 on.
 
-    That is, during the lift; the paper's reorganization is there. The fruit's eating is one step.
+    In the lifts this is the lift itself, where the paper sees the reorganization.
     """
     size = np.abs(np.array(plans["ways"][way]["activations"]))[1:]
     third = np.array([muscle["segment"] == 3 for muscle in plans["muscles"]])
@@ -186,7 +186,7 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 
 
 def number(value: float | int | None, digits: int = 3) -> str:
-    """A number as a reader wants it, a dash for none."""
+    """A number in readable form, or a dash for None."""
     if value is None:
         return "-"
     if isinstance(value, int):
@@ -203,7 +203,7 @@ MEASURED = (
     ("rate, 1/s", "squared_rate", 1.0),
     ("variation", "total_variation", 1.0),
     ("largest change", "largest_change", 1.0),
-    ("turns", "reversals", 1),
+    ("reversals", "reversals", 1),
     ("at bound, s", "time_at_bound", 1.0),
     ("muscles at bound", "saturated_muscles", 1),
     ("head, rad", "head_travel", 1.0),
@@ -212,7 +212,7 @@ MEASURED = (
 
 
 def ways_table(motion: Fields) -> str:
-    """Every way of planning a motion."""
+    """Measures of a motion planned by each method."""
     count, measures = motion["steps"], motion["measures"]
     shown = [f"lookahead {H}" for H in range(1, count + 1) if count <= 10 or H in (1, 2, 3, 5, 10)]
     if count > 10:
@@ -225,26 +225,33 @@ def ways_table(motion: Fields) -> str:
             label = names.get(name, name.removeprefix("lookahead "))
             label += "" if own["status"] == "solved" else f" ({own['status']})"
             rows.append([label, *(number(own[key] * unit) for _, key, unit in MEASURED)])
-    return table(["way, or steps ahead", *(head for head, _, _ in MEASURED)], rows)
+    return table(["method, or steps ahead", *(head for head, _, _ in MEASURED)], rows)
 
 
-def lifting_table(found: Fields) -> str:
+def lifting_table(facts: Fields) -> str:
     """How activations move during the two lifts."""
     rows = []
     for short, title in (("lift", "symmetric"), ("tilt", "asymmetric")):
         for way in WAYS.values():
-            m = found[short]["moving"][way]
+            m = facts[short]["moving"][way]
             rows.append(
                 [title, way]
                 + [number(m[key]) for key in ("turns", "turning", "third", "largest", "path")]
                 + [number(m["detour"])]
             )
-    head = ["lift", "way", "turns", "muscles that turn", "turns in segment 3", "largest change"]
+    head = [
+        "lift",
+        "method",
+        "reversals",
+        "muscles that reverse",
+        "reversals in segment 3",
+        "largest change",
+    ]
     return table([*head, "path", "path / net change"], rows)
 
 
 def survey_table(survey: Fields) -> str:
-    """Excess over the best horizon at every pair of limits, and what is reached."""
+    """Excess over the best horizon at every pair of limits, and missed targets."""
     ahead = list(survey["cells"][0]["lookaheads"])
     rows = []
     for cell in survey["cells"]:
@@ -258,7 +265,9 @@ def survey_table(survey: Fields) -> str:
         row.append(number(cell["sufficient_lookahead"]))
         rows.append(row)
     titles = [f"{H} ahead, %" for H in ahead]
-    return table(["most activation", "most rate, 1/s", *titles, "best: worst, mm", "suffice"], rows)
+    return table(
+        ["largest activation", "largest rate, 1/s", *titles, "best: worst, mm", "sufficient"], rows
+    )
 
 
 def _but(own: Fields) -> str:
@@ -277,15 +286,15 @@ def front_table(front: Fields) -> str:
             row.append(number(own["reversals"]))
         rows.append(row)
     head = [f"{way}: {what}" for way in ("blind", "horizon") for what in ("tracking", "rate, 1/s",
-                                                                       "turns")]  # fmt: skip
+                                                                       "reversals")]  # fmt: skip
     return table(["weight of rates", *head], rows)
 
 
-def optima_table(found: Fields) -> str:
+def optima_table(facts: Fields) -> str:
     """Local optima by motion and mode."""
     rows = []
     for name, short in SHORT.items():
-        for mode, own in found[short]["optima"].items():
+        for mode, own in facts[short]["optima"].items():
             best = own["optima"][0]["planner_objective"]
             rows.append([
                 name, mode, number(own["starts"]), number(len(own["failed"])),
@@ -302,11 +311,11 @@ def optima_table(found: Fields) -> str:
     )  # fmt: skip
 
 
-def muscles_table(found: Fields) -> str:
-    """What each motion leaves open, and the best of all choices."""
+def muscles_table(facts: Fields) -> str:
+    """What each motion leaves undetermined, and the best choices."""
     rows = []
     for name, short in SHORT.items():
-        own, versions = found[short], found[short]["redundancy"]["versions"]
+        own, versions = facts[short], facts[short]["redundancy"]["versions"]
         must = [m["name"] for m in own["redundancy"]["muscles"] if m["kind"] == "must work"]
         rows.append([
             name,
@@ -331,7 +340,7 @@ def muscles_table(found: Fields) -> str:
 
 
 def strongest_table(count: int = 4) -> str:
-    """The muscles that contract most in each phase, with the mean size of their activations."""
+    """The muscles that contract most in each phase, with their mean |activation|."""
     rows = []
     for name in SHORT:
         plans = data.read(f"plans-{name}")
@@ -348,29 +357,29 @@ def strongest_table(count: int = 4) -> str:
                 row.append(f"{psi[0]:.1f}, {psi[1]:.1f}")
             rows.append(row)
     head = "psi_Z, psi_Y at its end"
-    return table(["motion", "phase", "paper's way", head, "horizon", head], rows)
+    return table(["motion", "phase", "paper's method", head, "horizon", head], rows)
 
 
-def said_table(observed: list[Fields]) -> str:
-    """Section 6 beside both ways."""
+def observations_table(observed: list[Fields]) -> str:
+    """The statements of section 6 and both plans."""
     rows = []
     for o in observed:
         row = [o["section"], o["says"], o["rule"]]
         for way in ("paper", "horizon"):
             verdict = "agrees" if o[way]["agrees"] else "**disagrees**"
-            told = ", ".join(f"{k} {v:.2f}" if isinstance(v, float) else f"{k} {v}"
+            numbers = ", ".join(f"{k} {v:.2f}" if isinstance(v, float) else f"{k} {v}"
                              for k, v in o[way]["numbers"].items())  # fmt: skip
-            row.append(f"{verdict}: {told}")
+            row.append(f"{verdict}: {numbers}")
         rows.append(row)
-    return table(["§", "the paper says", "our rule", "paper's way", "horizon"], rows)
+    return table(["§", "the paper says", "our rule", "paper's method", "horizon"], rows)
 
 
-def filled(template: str, found: Fields) -> str:
-    """A text with every {path/to/a/field:format} replaced; mm and % scale."""
+def filled(template: str, facts: Fields) -> str:
+    """A text with every {path/to/a/field:format} replaced; mm and % are scaled."""
 
     def value(match: re.Match[str]) -> str:
         path, _, kind = match[1].partition(":")
-        entry: Any = found
+        entry: Any = facts
         for key in path.split("/"):
             entry = entry[int(key)] if isinstance(entry, list) else entry[key]
         if kind == "mm":
@@ -387,10 +396,10 @@ def filled(template: str, found: Fields) -> str:
 def less(first: str, *others: str) -> Callable[[Fields], bool]:
     """A condition: the values at these paths increase."""
 
-    def holds(found: Fields) -> bool:
+    def holds(facts: Fields) -> bool:
         values = []
         for path in (first, *others):
-            entry: Any = found
+            entry: Any = facts
             for key in path.split("/"):
                 entry = entry[key]
             values.append(entry)
@@ -399,11 +408,11 @@ def less(first: str, *others: str) -> Callable[[Fields], bool]:
     return holds
 
 
-def broken(found: Fields) -> list[str]:
-    """Sentences of the page that the data do not bear out."""
+def broken(facts: Fields) -> list[str]:
+    """Claims of the page that the data do not support."""
     from .claims import CLAIMS
 
-    return [sentence for sentence, holds in CLAIMS.items() if not holds(found)]
+    return [sentence for sentence, holds in CLAIMS.items() if not holds(facts)]
 
 
 def page() -> str:
@@ -412,18 +421,18 @@ def page() -> str:
     Raises
     ------
     ValueError
-        If the page would say what the data do not.
+        If the data do not support a claim of the page.
     """
-    found = fields()
-    wrong = broken(found)
+    facts = fields()
+    wrong = broken(facts)
     if wrong:
         raise ValueError("no longer true, rewrite study/page.md and study/claims.py: "
                          + "; ".join(wrong))  # fmt: skip
-    return filled(TEMPLATE.read_text(), found)
+    return filled(TEMPLATE.read_text(), facts)
 
 
 def write_page() -> None:
-    """Write docs/foresight.md, and the verdicts it shows."""
+    """Write docs/foresight.md and the verdicts it shows."""
     from .observations import observed
 
     data.write("observations", observed())

@@ -1,11 +1,11 @@
-"""Everything that docs/foresight.md tells, computed again; then the page.
+"""Compute all data of docs/foresight.md again, then write the page.
 
-    python -m study.run             # some minutes on two cores
-    python -m study.run --quick     # few lookaheads, limits and starts; into out/study, no page
+    python -m study.run             # several minutes on two cores
+    python -m study.run --quick     # few lookaheads, limits and starts; to out/study, no page
     python -m study.run --only optima
 
-Each part is written as soon as it is known. A part that fails is named at the end, keeps the data
-it had, and makes the exit code 1.
+Each part is written as soon as it is finished. A failed part is named at the end, keeps its old
+data, and makes the exit code 1.
 """
 
 from __future__ import annotations
@@ -24,9 +24,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from trunk_ocp.analysis.lookahead_study import Foresight, foresight, front, survey
-from trunk_ocp.analysis.multistart import optima
-from trunk_ocp.analysis.redundancy import needed, redundancy, report
+from trunk_ocp.analysis.lookahead_study import (
+    Foresight,
+    compare_lookaheads,
+    smoothness_tradeoff,
+    survey_limits,
+)
+from trunk_ocp.analysis.multistart import find_optima
+from trunk_ocp.analysis.redundancy import ablate_muscles, analyze_redundancy
 from trunk_ocp.figures import draw_foresight, draw_front, draw_survey
 from trunk_ocp.figures.redundancy import draw_redundancy
 from trunk_ocp.planning.active_bounds import touching
@@ -47,22 +52,22 @@ COLORS = 96
 
 @dataclass(frozen=True)
 class Size:
-    """Where results go, and whether to take the short way."""
+    """Where results go, and whether to run the short version."""
 
     folder: Path
     quick: bool
 
 
 def limits(table: dict[str, tuple[Any, ...]], name: str) -> tuple[Any, ...]:
-    """A choice for a motion; both lifts have the same."""
+    """The entry of a table for a motion; both lifts share one."""
     return table.get(name, table["lift-log"])
 
 
 def compared(name: str, size: Size) -> None:
-    """The paper's way and every lookahead."""
+    """The paper's method and every lookahead."""
     motion = load_motion(name)
     some = (1, 2, len(motion.steps)) if size.quick else None
-    result = foresight(motion, lookaheads=some)
+    result = compare_lookaheads(motion, lookaheads=some)
     data.write(f"compare-{name}", result.as_dict(), size.folder)
     data.write(f"plans-{name}", plans(result), size.folder)
     named = draw_foresight(result, size.folder, ("png",))
@@ -70,7 +75,7 @@ def compared(name: str, size: Size) -> None:
 
 
 def plans(result: Foresight) -> dict[str, Any]:
-    """Activations and head angles of the four ways that section 6 is held against."""
+    """Activations and head angles of the four plans that are compared with section 6."""
     motion = result.motion
     ways = {
         "paper": result.paper,
@@ -91,7 +96,7 @@ def plans(result: Foresight) -> dict[str, Any]:
 
 
 def numbers(plan: Plan) -> dict[str, Any]:
-    """A plan's unknowns, and who is at the bound of contraction at each step."""
+    """A plan's unknowns, and the muscles at their bound of contraction at each step."""
     names = np.array(plan.motion.trunk.muscles)
     return {
         "activations": plan.activations.tolist(),
@@ -102,49 +107,49 @@ def numbers(plan: Plan) -> dict[str, Any]:
 
 
 def surveyed(name: str, size: Size) -> None:
-    """How many steps ahead suffice, under limits on strength and speed."""
+    """Sufficient lookaheads under limits on strength and speed."""
     most, fastest = limits(ACTIVATIONS, name), limits(RATES, name)
     ahead = limits(LOOKAHEADS, name)
     if size.quick:
         most, fastest, ahead = most[:1], fastest[::2], ahead[::4]
-    found = survey(load_motion(name), most, fastest, ahead)
-    data.write(f"survey-{name}", found, size.folder)
-    (drawn,) = draw_survey(found, size.folder, ("png",))
+    result = survey_limits(load_motion(name), most, fastest, ahead)
+    data.write(f"survey-{name}", result, size.folder)
+    (drawn,) = draw_survey(result, size.folder, ("png",))
     shrunk(drawn.replace(size.folder / f"survey-{name}.png"))
 
 
 def swept(name: str, size: Size) -> None:
     """Tracking against smoothness."""
-    found = front(load_motion(name), SMOOTHNESS[::3] if size.quick else SMOOTHNESS)
-    data.write(f"front-{name}", found, size.folder)
-    (drawn,) = draw_front(found, size.folder, ("png",))
+    result = smoothness_tradeoff(load_motion(name), SMOOTHNESS[::3] if size.quick else SMOOTHNESS)
+    data.write(f"front-{name}", result, size.folder)
+    (drawn,) = draw_front(result, size.folder, ("png",))
     shrunk(drawn)
 
 
 def started(name: str, size: Size) -> None:
     """The same motion from many starts."""
     for mode, lookahead in (("horizon", None), ("sequential", 1)):
-        found = optima(load_motion(name), lookahead, 1 if size.quick else STARTS)
-        data.write(f"optima-{name}-{mode}", found.as_dict(), size.folder)
+        result = find_optima(load_motion(name), lookahead, 1 if size.quick else STARTS)
+        data.write(f"optima-{name}-{mode}", result.as_dict(), size.folder)
 
 
 def redundant(name: str, size: Size) -> None:
-    """What each muscle could do instead, and what it is needed for."""
-    found = redundancy(plan_motion(load_motion(name)))
+    """The freedom of each muscle, and the cost of its absence."""
+    result = analyze_redundancy(plan_motion(load_motion(name)))
     if not size.quick:
-        found = replace(found, needs=needed(found.plan))
-    told = report(found)
-    for muscle in told["muscles"]:  # the figure shows them; 2 x 2 x 28 x 22 numbers
+        result = replace(result, needs=ablate_muscles(result.plan))
+    report = result.as_dict()
+    for muscle in report["muscles"]:  # the figure shows them; 2 x 2 x 28 x 22 numbers
         del muscle["range_alone"], muscle["range_joint"]
     for unit in ("range_alone", "range_joint"):
-        del told["units"][unit]
-    data.write(f"redundancy-{name}", told, size.folder)
-    (drawn,) = draw_redundancy(found, size.folder, ("png",))
+        del report["units"][unit]
+    data.write(f"redundancy-{name}", report, size.folder)
+    (drawn,) = draw_redundancy(result, size.folder, ("png",))
     shrunk(drawn.replace(size.folder / f"redundancy-{name}.png"))
 
 
 def shrunk(picture: Path) -> None:
-    """The same picture in `COLORS` colors, for a repository."""
+    """Reduce a picture to `COLORS` colors, to keep the repository small."""
     with Image.open(picture) as image:
         few = image.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
     few.save(picture, optimize=True)
@@ -160,10 +165,10 @@ PARTS: dict[str, Callable[[str, Size], None]] = {
 
 
 def main() -> None:
-    """Run the parts, keep their times, write the page."""
+    """Run the parts, store their times, write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a trial: out/study, no page")
-    parser.add_argument("--only", choices=PARTS, action="append", help="one part; several times")
+    parser.add_argument("--quick", action="store_true", help="short version: to out/study, no page")
+    parser.add_argument("--only", choices=PARTS, action="append", help="one part; may be repeated")
     chosen = parser.parse_args()
     size = Size(data.ROOT / "out" / "study" if chosen.quick else data.DATA, chosen.quick)
     failed = []
@@ -187,7 +192,7 @@ def main() -> None:
 
 
 def timed(part: str, seconds: float, load: float, size: Size) -> None:
-    """Keep how long a part took, and how busy the machine was before."""
+    """Store how long a part took and the load of the machine before."""
     try:
         known = data.read("times", size.folder)
     except FileNotFoundError:

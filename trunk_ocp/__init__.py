@@ -1,4 +1,4 @@
-"""Whole-motion planning for a muscular trunk: an active Kirchhoff rod in CasADi.
+"""Whole-motion planning for a muscular trunk, modeled as an active Kirchhoff rod in CasADi.
 
 import trunk_ocp as to
 plan = to.plan_motion(to.load_motion("pick-fruit"))
@@ -11,9 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .analysis.diagnosis import Diagnosis, Finding, explain
-    from .analysis.lookahead_study import foresight, front, survey
-    from .analysis.measures import compare, measure
-    from .analysis.multistart import optima
+    from .analysis.lookahead_study import compare_lookaheads, smoothness_tradeoff, survey_limits
+    from .analysis.lookahead_study import compare_lookaheads as foresight
+    from .analysis.lookahead_study import smoothness_tradeoff as front
+    from .analysis.lookahead_study import survey_limits as survey
+    from .analysis.measures import compare, plan_measures
+    from .analysis.measures import plan_measures as measure
+    from .analysis.multistart import find_optima
+    from .analysis.multistart import find_optima as optima
     from .codegen.formats import check_export, export
     from .errors import InputError, SolverMissingError, StaticsError, TrunkError
     from .model.anatomy import Trunk, load_anatomy
@@ -29,27 +34,28 @@ if TYPE_CHECKING:
     from .problem.motion import Motion
     from .problem.problem_file import problem_schema
     from .reporting import Progress, Reporter
-    from .rod.buckling import Stability, stability
+    from .rod.buckling import Stability, buckling_margin
+    from .rod.buckling import buckling_margin as stability
     from .rod.point_shapes import PointShapes
     from .rod.shape import Shape
     from .rod.shape_map import ShapeMap
     from .rod.statics import solve_statics
     from .rod.tip_jacobian import tip_jacobian
 
-# Where each public name is. They are imported when they are first asked for: all together take
-# over a second, in which the command line could neither show its help nor answer Ctrl-C.
+# The module that defines each public name. Names are imported on first use: all of them together
+# take over a second, during which the command line could neither show its help nor answer Ctrl-C.
 _HOMES = {
     "model.anatomy": ("Trunk", "load_anatomy"),
     "planning.checkpoint": ("Checkpoint",),
     "codegen.formats": ("check_export", "export"),
-    "analysis.measures": ("compare", "measure"),
+    "analysis.measures": ("compare", "plan_measures"),
     "analysis.diagnosis": ("Diagnosis", "Finding", "explain"),
     "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
-    "analysis.lookahead_study": ("foresight", "front", "survey"),
+    "analysis.lookahead_study": ("compare_lookaheads", "smoothness_tradeoff", "survey_limits"),
     "model.loads": ("Loads",),
     "problem.build": ("load_motion",),
     "problem.motion": ("Motion",),
-    "analysis.multistart": ("optima",),
+    "analysis.multistart": ("find_optima",),
     "planning.planner": ("plan_from", "plan_motion"),
     "rod.point_shapes": ("PointShapes",),
     "problem.problem_file": ("problem_schema",),
@@ -58,7 +64,7 @@ _HOMES = {
     "rod.tip_jacobian": ("tip_jacobian",),
     "rod.shape_map": ("ShapeMap",),
     "planning.plan": ("Plan", "PlanError", "Status"),
-    "rod.buckling": ("Stability", "stability"),
+    "rod.buckling": ("Stability", "buckling_margin"),
     "rod.shape": ("Shape",),
     "rod.statics": ("solve_statics",),
     "planning.options": ("Options",),
@@ -66,6 +72,16 @@ _HOMES = {
     "nlp.window": ("Weights",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+# Names of version 0.1, which still work, and what they are called now.
+_OLD_NAMES = {
+    "foresight": "compare_lookaheads",
+    "front": "smoothness_tradeoff",
+    "measure": "plan_measures",
+    "optima": "find_optima",
+    "stability": "buckling_margin",
+    "survey": "survey_limits",
+}
 
 __all__ = [
     "Checkpoint",
@@ -90,10 +106,13 @@ __all__ = [
     "Trunk",
     "TrunkError",
     "Weights",
+    "buckling_margin",
     "check_export",
     "compare",
+    "compare_lookaheads",
     "explain",
     "export",
+    "find_optima",
     "foresight",
     "front",
     "load_anatomy",
@@ -102,20 +121,24 @@ __all__ = [
     "measure",
     "optima",
     "plan_from",
+    "plan_measures",
     "plan_motion",
     "problem_schema",
     "save_plan",
+    "smoothness_tradeoff",
     "solve_statics",
     "stability",
     "survey",
+    "survey_limits",
     "tip_jacobian",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    current = _OLD_NAMES.get(name, name)
+    if current not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+    value = getattr(import_module(f".{_HOME[current]}", __name__), current)
     globals()[name] = value
     return value
 

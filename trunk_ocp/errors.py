@@ -1,18 +1,18 @@
-"""What can go wrong, each with a message that a user can act on."""
+"""Errors of this package; each message says what a user can do."""
 
 from __future__ import annotations
 
 
 class TrunkError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of all errors that this package raises on purpose."""
 
 
 class InputError(TrunkError):
-    """A file or an argument is not what was expected; nothing was computed."""
+    """A file or an argument is not valid; nothing was computed."""
 
 
 class StaticsError(TrunkError):
-    """No equilibrium was found for a given activation and load.
+    """No equilibrium was found for an activation and load.
 
     Attributes
     ----------
@@ -25,8 +25,8 @@ class StaticsError(TrunkError):
         self.load_fraction = load_fraction
 
     def __reduce__(self) -> tuple[type[StaticsError], tuple[str, float]]:
-        # An exception is pickled as its class and `args`, which are those of its base: too few
-        # here. Without this one such error breaks a whole pool of processes.
+        # By default an exception is pickled as its class and the `args` of its base, which are too
+        # few here; one such error would break a whole pool of processes.
         return type(self), (str(self), self.load_fraction)
 
 

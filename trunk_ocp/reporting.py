@@ -1,4 +1,4 @@
-"""What a long computation tells its caller; silent by default."""
+"""Progress reports of long computations; silent by default."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a plan stands after one iteration of the optimizer.
+    """State of a plan after one iteration of the optimizer.
 
     Attributes
     ----------
     stage : str
-        Part of the plan, such as "sequential" or "horizon".
+        Stage of the plan, such as "sequential" or "horizon".
     detail : str
-        What is being solved in it, such as "step 3 of 10, unloaded".
+        The current solve, such as "step 3 of 10, unloaded".
     first, last : int
-        Time steps in work, counted from 1.
+        Time steps being solved, counted from 1.
     iteration : int
-        Of this solve.
+        Iterations of this solve so far.
     worst_error : float
         Largest distance in m of any target point of these steps.
     infeasibility : float
-        Largest violation of a constraint, in the transcription's units.
+        Largest violation of a constraint, in units of the NLP.
     """
 
     stage: str
@@ -35,7 +35,7 @@ class Progress:
 
 
 class Reporter:
-    """Receives progress. The base class ignores it; set `stop` to end the plan early."""
+    """Receives progress; the base class ignores it. Set `stop` to end a plan early."""
 
     stop: bool = False
 
@@ -43,4 +43,4 @@ class Reporter:
         """Called after every iteration of the optimizer."""
 
     def note(self, text: str) -> None:
-        """Called with one sentence when something worth knowing happens."""
+        """Called with one sentence about an event of the computation."""

@@ -113,7 +113,7 @@ def test_a_name_as_long_as_names_may_be_can_be_written(tmp_path):
 
 def test_a_users_file_in_place_of_the_lock_is_kept_and_named(tmp_path):
     (tmp_path / files.LOCK).write_text("mine")
-    with pytest.raises(InputError, match="is not a lock of this program"), alone(tmp_path):
+    with pytest.raises(InputError, match="is not a lock file of this program"), alone(tmp_path):
         pass
     assert (tmp_path / files.LOCK).read_text() == "mine"
 

@@ -15,7 +15,7 @@ from plans import TOUCH, written
 
 import trunk_ocp
 from trunk_ocp._support import process_pool as parallel
-from trunk_ocp._support.process_pool import cores, finished, run
+from trunk_ocp._support.process_pool import cores, iter_finished, run_tasks
 from trunk_ocp.cli import run_figures as drawing
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
@@ -77,10 +77,10 @@ def missing(number, plan, reporter):
 def test_a_missed_target_in_a_process_leaves_the_pool_and_the_environment_alone(missed):
     before = dict(os.environ)
     with pytest.raises(PlanError, match="out of reach") as caught:
-        run(missing, [(1, missed), (2, missed)], 2)
+        run_tasks(missing, [(1, missed), (2, missed)], 2)
     assert caught.value.plan.status is missed.status
     jobs = [(missing, (number, missed, None)) for number in (1, 2, 3)]
-    ended = dict(finished(jobs, 2))
+    ended = dict(iter_finished(jobs, 2))
     assert [number for number in ended if ended[number].exception() is None] != []
     assert [ended[n].exception() is None for n in range(3)] == [True, False, True]
     assert dict(os.environ) == before
@@ -109,7 +109,7 @@ def test_tasks_are_computed_here_where_no_process_can_be_started(monkeypatch, hi
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3})
         processes = None
     here = os.getpid()
-    assert run(doubled, [(1,), (2,)], processes) == [(2, here), (4, here)]
+    assert run_tasks(doubled, [(1,), (2,)], processes) == [(2, here), (4, here)]
 
 
 def test_tasks_are_computed_here_where_there_is_no_room_for_a_process(monkeypatch):
@@ -117,7 +117,7 @@ def test_tasks_are_computed_here_where_there_is_no_room_for_a_process(monkeypatc
         raise BlockingIOError(11, "Resource temporarily unavailable")
 
     monkeypatch.setattr(parallel.ProcessPoolExecutor, "submit", full)
-    assert [number for number, _ in run(doubled, [(1,), (2,)], 2)] == [2, 4]
+    assert [number for number, _ in run_tasks(doubled, [(1,), (2,)], 2)] == [2, 4]
 
 
 def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch):
@@ -132,11 +132,11 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
 
 SCRIPT = """
 import trunk_ocp as to
-from trunk_ocp.analysis.lookahead_study import plan_of
-from trunk_ocp._support.process_pool import run
-from trunk_ocp.planning.planner import Options
+from trunk_ocp.analysis.study_tasks import plan_of
+from trunk_ocp._support.process_pool import run_tasks
+from trunk_ocp.planning.state import Options
 motion = to.load_motion({path!r})
-plans = run(plan_of, [(motion, 1, Options(), None)] * 2, 2)
+plans = run_tasks(plan_of, [(motion, 1, Options(), None)] * 2, 2)
 print([plan.status.name for plan in plans])
 """
 
@@ -159,7 +159,7 @@ def dying(number, reporter):
 
 def test_a_process_ended_from_outside_is_named_with_a_way_out():
     with pytest.raises(TrunkError, match="processes=1"):
-        run(dying, [(1,), (2,)], 2)
+        run_tasks(dying, [(1,), (2,)], 2)
 
 
 # --- how many ------------------------------------------------------------------------------
@@ -177,14 +177,14 @@ def test_processes_are_as_many_as_the_cores_one_may_use(monkeypatch, tmp_path):
 @pytest.mark.parametrize("wrong", [0, -1, 10**6, 2.0, True])
 def test_a_number_of_processes_that_cannot_be_is_refused(wrong):
     with pytest.raises(InputError, match="processes"):
-        run(doubled, [(1,)], wrong)
+        run_tasks(doubled, [(1,)], wrong)
 
 
 def test_the_script_is_back_after_pools_start_in_threads_that_overlap():
     main, hidden = sys.modules["__main__"], []
 
     def started(number):
-        with parallel._main_left_alone([(run, ())]):
+        with parallel._script_hidden([(run_tasks, ())]):
             hidden.append(sys.modules["__main__"] is not main)
             time.sleep(0.01 * (number % 3))
 
@@ -198,7 +198,7 @@ def test_a_request_to_stop_ends_tasks_in_other_processes():
     reporter = Reporter()
     reporter.stop = True
     with pytest.raises(KeyboardInterrupt):
-        run(doubled, [(n,) for n in range(50)], 2, reporter)
+        run_tasks(doubled, [(n,) for n in range(50)], 2, reporter)
 
 
 def test_loads_are_data_for_another_process():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plans import TOUCH, first_steps, written
 
-from trunk_ocp.analysis.bound_sensitivity import PART, responses
+from trunk_ocp.analysis.bound_sensitivity import RELAXATION, responses
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.ipopt_options import WARM_OPTIONS
 from trunk_ocp.nlp.window import Weights, Window
@@ -140,7 +140,7 @@ def test_what_appendix_b_holds_near_an_unloaded_solution_is_told_apart():
 
 def test_what_is_told_goes_outwards_and_names_the_bound(tmp_path):
     for r in responses(planned_lift(None)):
-        assert abs(r.moved) == pytest.approx(PART * abs(r.value), rel=1e-12)
+        assert abs(r.moved) == pytest.approx(RELAXATION * abs(r.value), rel=1e-12)
         if not r.name.startswith("extension"):  # outwards is away from 0, but for extension
             assert np.sign(r.moved) == np.sign(r.value)
     low = {r.name: r for r in responses(planned_lift(None))}["extension of segment 1"]

@@ -10,8 +10,9 @@ import pytest
 from click.testing import CliRunner
 from plans import POINT, TOUCH, first_steps, planned, shipped, soft_rod, written
 
-from trunk_ocp.analysis.bound_sensitivity import Response
-from trunk_ocp.analysis.diagnosis import at_bounds, effects, explain
+from trunk_ocp.analysis.bound_sensitivity import Response, effects
+from trunk_ocp.analysis.diagnosis import explain
+from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.cli import commands
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.outcome import Solve, rank
@@ -298,7 +299,7 @@ def test_a_shallow_look_does_not_solve(ends):
 
 def test_contradicting_bounds_are_named(ends):
     contradiction, failure = explain(ends[Status.INFEASIBLE]).findings[:2]
-    assert "no nearby point keeps the constraints any better" in failure.what
+    assert "no nearby point satisfies the constraints better" in failure.what
     assert failure.details[0].startswith("step 1: extension of segment ")
     assert "least extension of segment 1 (step 1): from 1.2 to 0.9999" in contradiction.details
 
@@ -313,7 +314,7 @@ def test_bounds_that_bind_are_told_of_a_plan_that_failed_as_well(ends):
         replace(solved, motion=replace(solved.motion, steps=(step,))), record("Restoration_Failed")
     )
     name = solved.motion.trunk.muscles[3]
-    told = [f for f in explain(plan).findings if f.what == "muscles contracted as far as they may"]
+    told = [f for f in explain(plan).findings if f.what == "muscles at their bound of contraction"]
     assert [finding.details for finding in told] == [(f"{name}: step 1",)]
 
 
@@ -329,7 +330,7 @@ def test_the_residuals_are_kept_for_each_iteration(ends):
     [
         ("Maximum_Iterations_Exceeded", [1.0] * 10, 1, "--max-iterations 36"),
         ("Maximum_Iterations_Exceeded", [0.5**k for k in range(61)], 1, "--max-iterations 240"),
-        ("Maximum_Iterations_Exceeded", [1.0] * 61, 1, "Start elsewhere (--starts 4)."),
+        ("Maximum_Iterations_Exceeded", [1.0] * 61, 1, "Try other starts (--starts 4)."),
         ("Restoration_Failed", [1.0] * 9, 2, "--mode horizon"),
         ("Invalid_Number_Detected", [1.0], 1, "Check units"),
     ],
@@ -345,7 +346,7 @@ def test_the_next_thing_to_try_follows_from_the_residuals(ends, message, residua
 
 def test_a_plan_without_a_record_or_a_number_is_explained(ends):
     solved = ends[Status.SOLVED]
-    assert "no record" in explain(replace(solved, converged=False, solves=())).findings[0].what
+    assert "unrecorded" in explain(replace(solved, converged=False, solves=())).findings[0].what
     nothing = undone(solved)
     assert nothing.status is Status.UNVERIFIED
     assert "independent check" in explain(nothing).findings[0].what
@@ -427,8 +428,11 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
     ("status", "words"),
     [
         (Status.MISSED, ["step 1", "Z = 1.75 m", "R2-ivo", "from -0.1 to"]),
-        (Status.INFEASIBLE, ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraint violation"]),
-        (Status.ITERATION_LIMIT, ["--max-iterations", "optimality error"]),
+        (
+            Status.INFEASIBLE,
+            ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraints violated by"],
+        ),
+        (Status.ITERATION_LIMIT, ["--max-iterations", "slope left"]),
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
         (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),

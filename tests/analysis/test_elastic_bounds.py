@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from plans import MOTIONS, POINT, TOUCH, first_steps, shipped, soft_rod, written
 
+from trunk_ocp._support.wording import step_list
 from trunk_ocp.analysis.diagnosis import explain
 from trunk_ocp.analysis.elastic_bounds import (
     Bound,
     Excess,
     contradictions,
-    elastic_bounds,
+    elastic_rows,
     in_words,
     nearest,
     reach,
-    said,
 )
 from trunk_ocp.model.activation import strain_matrix
 from trunk_ocp.planning.plan import Status
@@ -138,7 +138,7 @@ def test_an_excess_is_the_cheapest_there_is(tmp_path):
 
 def test_rest_never_gives(tmp_path):
     """No muscle pushes: an upper bound of 0 is physics, not a choice."""
-    bounds = elastic_bounds(first_steps("lift-log", 3)).bounds
+    bounds = elastic_rows(first_steps("lift-log", 3)).bounds
     rest = [b for b in bounds if b.name.startswith("largest activation")]
     assert rest
     assert all(b.most == 0 and b.value == 0 for b in rest)
@@ -212,9 +212,9 @@ def test_what_no_bound_can_mend_is_none(tmp_path):
 
 
 def test_step_numbers_are_said_in_runs():
-    assert said((1, 2, 3, 7)) == "steps 1 to 3, 7"
-    assert said((4,)) == "step 4"
-    assert said((1, 2)) == "steps 1 to 2"
+    assert step_list((1, 2, 3, 7)) == "steps 1 to 3, 7"
+    assert step_list((4,)) == "step 4"
+    assert step_list((1, 2)) == "steps 1 to 2"
 
 
 # --- advice within physics ---------------------------------------------------------------
@@ -238,7 +238,7 @@ def test_a_change_is_told_by_the_key_that_the_file_has(tmp_path):
 
 def test_advice_stays_within_what_a_body_can_do(tmp_path):
     """Whatever the price, no bound gives beyond the paper's activations and a neck's angles."""
-    for bound in elastic_bounds(shorten(tmp_path, strongest=-0.1, head="[-10.0, 10.0]")).bounds:
+    for bound in elastic_rows(shorten(tmp_path, strongest=-0.1, head="[-10.0, 10.0]")).bounds:
         if "change" in bound.name:
             continue
         amount = np.degrees(bound.most) if bound.unit == "deg" else bound.most

@@ -8,8 +8,9 @@ import pytest
 from plans import ROD, TOUCH, planned, shipped, with_phases, written
 
 from trunk_ocp.analysis import free_choices
-from trunk_ocp.analysis.diagnosis import at_bounds, explain
+from trunk_ocp.analysis.diagnosis import explain
 from trunk_ocp.analysis.free_choices import one_sided
+from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
@@ -34,8 +35,8 @@ LEAF = TOUCH.replace("[0.6, 0.1, 1.2]", "[0.3, 0.0, -1.0]").replace(
     "[bounds]", "[bounds]\nhead_z_deg = [-20.0, 20.0]\nhead_y_deg = [-20.0, 30.0]"
 )
 LEAF += HOLD
-SIDES = "the same to both sides"
-WORTH = "turning is worth"
+SIDES = "the task is symmetric"
+WORTH = "the value of turning"
 
 
 @cache
@@ -93,7 +94,7 @@ def test_a_plan_that_takes_sides_says_so_and_how_to_mend_it(tmp_path):
     assert abs(turned) > 1
     for deep in (False, True):
         (told_once,) = told(plan, SIDES, deep)
-        assert f"psi_Z reaches {turned:.3g} deg, and {-turned:.3g} would do as well" in told_once
+        assert f"psi_Z reaches {turned:.3g} deg, and {-turned:.3g} would be as good" in told_once
         assert "head_z_deg = [0.0, 0.0]" in told_once
 
 

@@ -15,16 +15,16 @@ from scipy.optimize import minimize
 from toys import TRUNK, shortening
 from toys import C as SHORTENING
 
-from trunk_ocp._support.process_pool import run
+from trunk_ocp._support.process_pool import run_tasks
 from trunk_ocp.analysis.lookahead_study import (
     TRACKING_ONLY,
     Curve,
+    compare_lookaheads,
     equal_bounds,
-    foresight,
-    front,
-    survey,
+    smoothness_tradeoff,
+    survey_limits,
 )
-from trunk_ocp.analysis.measures import DEFINITIONS, Measures, measure, reversals
+from trunk_ocp.analysis.measures import DEFINITIONS, Measures, plan_measures, reversals
 from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
@@ -46,7 +46,7 @@ MOST = 0.2
 @cache
 def toy():
     """Every lookahead of a motion that cannot keep up with its targets."""
-    return foresight(shortening(WANTED, most=MOST), options=OPTIONS, processes=1)
+    return compare_lookaheads(shortening(WANTED, most=MOST), options=OPTIONS, processes=1)
 
 
 def cost(gamma, wanted, before, duration=1.0):
@@ -93,7 +93,7 @@ def test_foresight_halves_what_a_blind_plan_misses():
     the squares are least at x = D / 2, half of D^2.
     """
     little = Options(weights=Weights(1e-7, 0.0))
-    result = foresight(shortening((0.0, -0.4), most=MOST), options=little, processes=1)
+    result = compare_lookaheads(shortening((0.0, -0.4), most=MOST), options=little, processes=1)
     blind, horizon = result.curve.blind, result.curve.horizon
     np.testing.assert_allclose(blind.activations, [[0, 0], [-0.2, -0.2]], atol=1e-4)
     np.testing.assert_allclose(horizon.activations, [[-0.1, -0.1], [-0.3, -0.3]], atol=1e-4)
@@ -124,7 +124,7 @@ def test_the_lookahead_that_suffices_is_found():
 
 
 def test_smoothness_is_bought_with_tracking():
-    data = front(shortening(WANTED), (1e-4, 1e-2, 1.0), OPTIONS, processes=1)
+    data = smoothness_tradeoff(shortening(WANTED), (1e-4, 1e-2, 1.0), OPTIONS, processes=1)
     for way in ("blind", "horizon"):
         rates = [plan["squared_rate"] for plan in data[way]]
         tracking = [plan["tracking"] for plan in data[way]]
@@ -149,7 +149,7 @@ def test_smoothness_is_bought_with_tracking():
 @cache
 def lifted():
     """Three steps of lift-log; appendix B has auxiliary problems for each."""
-    return foresight(first_steps("lift-log", 3), lookaheads=(2,), processes=1)
+    return compare_lookaheads(first_steps("lift-log", 3), lookaheads=(2,), processes=1)
 
 
 def test_one_step_ahead_is_the_sequential_solve_without_auxiliary_problems():
@@ -186,12 +186,12 @@ def test_all_objectives_are_by_the_same_weights():
 def test_no_plan_of_the_curve_leaves_the_horizons_bounds():
     for plan in lifted().curve.plans.values():
         assert plan.verification.faults == []
-        assert measure(plan).change_excess <= 1e-7
+        assert plan_measures(plan).change_excess <= 1e-7
 
 
 def test_the_number_of_processes_changes_nothing():
     motion = shortening(WANTED[:3], most=MOST)
-    one, two = (foresight(motion, options=OPTIONS, processes=n) for n in (1, 2))
+    one, two = (compare_lookaheads(motion, options=OPTIONS, processes=n) for n in (1, 2))
     for H, plan in one.curve.plans.items():
         np.testing.assert_array_equal(plan.x, two.curve.plans[H].x)
 
@@ -291,7 +291,7 @@ def test_a_limit_that_a_motion_excludes_is_refused():
 
 
 def test_a_survey_has_a_cell_for_each_pair_of_limits():
-    data = survey(shortening(WANTED[:3]), (None, 0.3), (0.1,), options=OPTIONS, processes=1)
+    data = survey_limits(shortening(WANTED[:3]), (None, 0.3), (0.1,), options=OPTIONS, processes=1)
     assert [cell["limits"] for cell in data["cells"]] == [
         {"activation": None, "rate": 0.1}, {"activation": 0.3, "rate": 0.1},
     ]  # fmt: skip
@@ -304,7 +304,7 @@ def test_a_survey_has_a_cell_for_each_pair_of_limits():
 @pytest.mark.parametrize("lookaheads", [(0, 2), (7,)])
 def test_lookaheads_beyond_the_motion_are_refused(lookaheads):
     with pytest.raises(InputError, match="whole numbers from 1 to 6"):
-        foresight(shortening(WANTED), lookaheads=lookaheads, processes=1)
+        compare_lookaheads(shortening(WANTED), lookaheads=lookaheads, processes=1)
 
 
 # --- measures ----------------------------------------------------------------------------
@@ -336,7 +336,7 @@ def test_measures_of_a_made_up_plan():
     x[:, 1] = [-0.3, -0.35, -0.3, -0.35]  # wiggles
     x[:, 2] = [0.1, 0.3, 0.3, -0.1]
     x[:, 3] = [-0.2, 0.0, 0.0, 0.1]
-    measures = measure(replace(plan, x=x), Weights(2.0, 3.0))
+    measures = plan_measures(replace(plan, x=x), Weights(2.0, 3.0))
     assert measures.total_variation == pytest.approx(0.5 + 0.8 + 0.8 + 3 * 0.05)
     assert measures.largest_change == pytest.approx(0.8)
     assert measures.reversals == 2
@@ -369,7 +369,7 @@ def test_a_stop_ends_all_tasks(processes):
     reporter = Reporter()
     reporter.stop = True
     with pytest.raises(KeyboardInterrupt):
-        run(sleepless, [(1,), (2,), (3,)], processes, reporter)
+        run_tasks(sleepless, [(1,), (2,), (3,)], processes, reporter)
 
 
 def doubled(number, _):
@@ -380,14 +380,14 @@ def doubled(number, _):
 
 def test_results_keep_their_order_and_are_counted():
     counted = []
-    results = run(doubled, [(1,), (2,), (5,)], 1, done=lambda *n: counted.append(n))
+    results = run_tasks(doubled, [(1,), (2,), (5,)], 1, done=lambda *n: counted.append(n))
     assert results == [2, 4, 10]
     assert counted == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_an_error_in_another_process_keeps_its_kind():
     with pytest.raises(InputError, match="three"):
-        run(doubled, [(1,), (3,)], 2)
+        run_tasks(doubled, [(1,), (3,)], 2)
 
 
 # --- command line ------------------------------------------------------------------------

@@ -10,7 +10,14 @@ from click.testing import CliRunner
 from plans import TOUCH, first_steps, shipped, with_phases, written
 from toys import pointing, shortening
 
-from trunk_ocp.analysis.multistart import BETTER, SAME, Optima, distinct, optima, random_motion
+from trunk_ocp.analysis.multistart import (
+    BETTER_RTOL,
+    SAME_PLAN_TOL,
+    Optima,
+    distinct,
+    find_optima,
+    random_motion,
+)
 from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
@@ -25,7 +32,7 @@ ANGLE = 0.7  # rad, of the rod from +Z
 @cache
 def aimed():
     """A rod that its head alone may turn, from twelve starts."""
-    return optima(pointing((np.sin(ANGLE), 0.0, np.cos(ANGLE))), starts=12, processes=1)
+    return find_optima(pointing((np.sin(ANGLE), 0.0, np.cos(ANGLE))), starts=12, processes=1)
 
 
 # --- a problem whose optima are known ------------------------------------------------------
@@ -58,7 +65,7 @@ def test_every_start_is_accounted_for():
 
 def test_a_plan_that_is_not_the_best_is_told():
     worse = aimed().distinct[-1].plan
-    assert worse.objective.total > aimed().reported.objective.total * (1 + BETTER)
+    assert worse.objective.total > aimed().reported.objective.total * (1 + BETTER_RTOL)
     assert not Optima(worse, aimed().plans).reported_is_best
 
 
@@ -66,13 +73,13 @@ def test_numbers_are_ready_for_json():
     report = json.loads(json.dumps(aimed().as_dict()))
     assert [round(entry["distance"], 2) for entry in report["optima"]] == [0.0, 3.14, 3.14]
     assert report["starts"] == 15
-    assert report["same_within"] == SAME
+    assert report["same_within"] == SAME_PLAN_TOL
 
 
 def test_plans_within_the_tolerance_count_as_one():
     plan = aimed().distinct[0].plan
-    near = replace(plan, x=plan.x + 0.9 * SAME)
-    far = replace(plan, x=plan.x + 1.1 * SAME)
+    near = replace(plan, x=plan.x + 0.9 * SAME_PLAN_TOL)
+    far = replace(plan, x=plan.x + 1.1 * SAME_PLAN_TOL)
     found = distinct([("a", plan), ("b", near), ("c", far)])
     # "c" is within the tolerance of "b", but "b" stands for no optimum of its own.
     assert [optimum.starts for optimum in found] == [("a", "b"), ("c",)]
@@ -153,7 +160,7 @@ def test_the_mirror_image_of_an_optimum_is_one_of_the_mirrored_motion(name):
     again = plan_from(mirrored_motion(motion), image)
     assert again.converged
     assert again.objective.total == pytest.approx(plan.objective.total, rel=1e-4)
-    np.testing.assert_allclose(again.x, image, atol=SAME)
+    np.testing.assert_allclose(again.x, image, atol=SAME_PLAN_TOL)
 
 
 def test_a_motion_seen_twice_in_the_mirror_is_itself():

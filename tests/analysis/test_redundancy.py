@@ -16,19 +16,19 @@ from scipy.optimize import linprog, lsq_linear
 from trunk_ocp.analysis.redundancy import (
     AblationResult,
     Redundancy,
+    ablate_muscles,
+    analyze_redundancy,
     can_be_off,
+    feasible_ranges,
     fewest_muscles,
-    freedom,
     least_cost,
     least_effort,
     least_peak,
+    left_right_pairs,
     motion_without,
-    needed,
-    pairs,
-    ranges,
-    redundancy,
+    muscle_freedom,
 )
-from trunk_ocp.analysis.redundancy.ranges import Freedom
+from trunk_ocp.analysis.redundancy.activation_ranges import Freedom
 from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import redundancy_table
 from trunk_ocp.errors import InputError
@@ -94,7 +94,7 @@ def lift(mode="horizon"):
 
 @cache
 def free(mode="horizon"):
-    return freedom(lift(mode))
+    return muscle_freedom(lift(mode))
 
 
 def columns(plan, segment):
@@ -156,7 +156,7 @@ def by_hand(v):
 def test_the_range_of_two_antagonists_is_that_found_by_hand(lean):
     plan, _ = lean
     names = plan.motion.trunk.muscles
-    found = ranges(plan)
+    found = feasible_ranges(plan)
     for side in "RL":
         long, wide = names.index(f"{side}1-long"), names.index(f"{side}1-wide")
         v = plan.activations[:, long] - plan.activations[:, wide] / 2
@@ -168,7 +168,7 @@ def test_the_range_of_two_antagonists_is_that_found_by_hand(lean):
 def test_the_joint_range_of_two_antagonists_is_that_found_by_hand(lean):
     _, plan = lean
     names = plan.motion.trunk.muscles
-    found = ranges(plan, joint=True)
+    found = feasible_ranges(plan, joint=True)
     for side in "RL":
         long, wide = names.index(f"{side}1-long"), names.index(f"{side}1-wide")
         v = plan.activations[:, long] - plan.activations[:, wide] / 2
@@ -186,8 +186,13 @@ def test_the_joint_range_of_two_antagonists_is_that_found_by_hand(lean):
 
 def test_ranges_without_bounds_on_change_are_those_of_each_step_alone(lean):
     plan, bounded = lean
-    np.testing.assert_allclose(ranges(plan, joint=True), ranges(plan), rtol=0, atol=1e-8)
-    assert np.ptp(ranges(bounded, joint=True), axis=-1).max() < np.ptp(ranges(bounded)).max()
+    np.testing.assert_allclose(
+        feasible_ranges(plan, joint=True), feasible_ranges(plan), rtol=0, atol=1e-8
+    )
+    assert (
+        np.ptp(feasible_ranges(bounded, joint=True), axis=-1).max()
+        < np.ptp(feasible_ranges(bounded)).max()
+    )
 
 
 @pytest.mark.parametrize("segment", [0, 1, 2])
@@ -324,7 +329,7 @@ def test_a_muscle_without_a_choice_is_determined(lean):
     plan, _ = lean
     motion = motion_without(plan.motion, ("R1-wide", "L1-wide"))
     alone = replace(least_effort(plan, off=("R1-wide", "L1-wide")), motion=motion)
-    assert freedom(alone).kinds == ("determined",) * 4
+    assert muscle_freedom(alone).kinds == ("determined",) * 4
 
 
 # --- versions ----------------------------------------------------------------------------
@@ -418,7 +423,7 @@ def test_a_muscle_that_can_be_off_changes_no_target():
     assert can_be_off(plan, (name,))
     other = least_cost(plan, off=(name,))
     assert not np.any(other.activations[:, plan.motion.trunk.muscles.index(name)])
-    (need,) = needed(plan, [(name,)])
+    (need,) = ablate_muscles(plan, [(name,)])
     assert (need.spare, need.status) == (True, "solved")
     worst = max(e.position.max() for e in plan.errors)
     assert need.worst_position_error == pytest.approx(worst, abs=1e-8)
@@ -429,7 +434,7 @@ def test_a_muscle_that_must_work_costs_something():
     plan = lift()
     name = "R3-dr"
     assert not can_be_off(plan, (name,))
-    (need,) = needed(plan, [(name,)], workers=1)
+    (need,) = ablate_muscles(plan, [(name,)], processes=1)
     assert not need.spare
     assert need.ratio > 1
     assert need.planner_objective > plan.objective.total
@@ -438,11 +443,11 @@ def test_a_muscle_that_must_work_costs_something():
 def test_muscles_are_taken_away_in_other_processes_too(lean):
     plan, _ = lean
     seen = []
-    tasks = [*pairs(plan.motion)]
-    found = needed(plan, tasks, workers=2, progress=lambda *now: seen.append(now))
+    tasks = [*left_right_pairs(plan.motion)]
+    found = ablate_muscles(plan, tasks, processes=2, progress=lambda *now: seen.append(now))
     assert [need.muscles for need in found] == tasks
     assert [done for done, _, _ in seen] == [1, 2]
-    for need, here in zip(found, needed(plan, tasks, workers=1), strict=True):
+    for need, here in zip(found, ablate_muscles(plan, tasks, processes=1), strict=True):
         assert need.planner_objective == pytest.approx(here.planner_objective, rel=1e-6)
     assert found[0].worst_position_error > 0.01  # nothing else makes this arm shorter
 
@@ -452,7 +457,7 @@ def test_muscles_are_taken_away_in_other_processes_too(lean):
 
 def test_bands_are_the_ranges_and_lie_behind_the_plan(lean):
     _, plan = lean
-    found = redundancy(plan)
+    found = analyze_redundancy(plan)
     artists = figure.redundancy_figure(found).findobj()
     bands = [a for a in artists if isinstance(a, PolyCollection) and a.get_gid() == "joint"]
     lines = [a for a in artists if a.get_gid() == "plan"]
@@ -478,7 +483,7 @@ def test_the_command_writes_ranges_needs_and_a_figure_beside_the_plan(lean, tmp_
     assert names == list(plan.motion.trunk.muscles)
     np.testing.assert_allclose(
         np.array([entry["range_joint"] for entry in written["muscles"]]).swapaxes(0, 1),
-        ranges(plan, joint=True),
+        feasible_ranges(plan, joint=True),
         rtol=0,
         atol=1e-8,
     )
@@ -502,7 +507,7 @@ def test_a_plan_cut_short_has_no_ranges():
     plan = lift()
     short = replace(plan, x=plan.x[:3], tip_forces=plan.tip_forces[:3], shape=plan.part(0, 3))
     with pytest.raises(InputError, match="verified plan of all time steps"):
-        ranges(short)
+        feasible_ranges(short)
 
 
 def test_an_unknown_muscle_is_named():
@@ -517,4 +522,4 @@ def test_too_many_muscles_off_are_refused():
 
 def test_needs_of_a_sequential_plan_are_refused():
     with pytest.raises(InputError, match="expected a horizon plan"):
-        needed(lift("sequential"))
+        ablate_muscles(lift("sequential"))

@@ -15,7 +15,7 @@ from trunk_ocp.codegen.shape_model import build_model, reference
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.unloaded import unloaded_states
 
-VALUE = 1e-10  # the promise of issue 7, with different meshes and formulations on either side
+VALUE = 1e-10  # promised agreement, with different meshes and formulations on either side
 SLOPE = 1e-8  # and that for high-order differences
 WARM = ("warm", "warm jacobian", "warm second")  # kinds of outputs, in what a check prints
 SAME = 1e-12  # Newton's method leaves 1e-13 of a shape, wherever it starts

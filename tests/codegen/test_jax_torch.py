@@ -18,7 +18,7 @@ from trunk_ocp.codegen.numpy_module import module_text
 from trunk_ocp.codegen.request import Request, ToolMissingError
 from trunk_ocp.codegen.shape_model import build_model
 
-DOUBLE, SINGLE = 1e-10, 1e-4  # the promise of issue 7
+DOUBLE, SINGLE = 1e-10, 1e-4  # promised agreement
 EXACT = 1e-12  # the same numbers by another route
 
 jax = pytest.importorskip("jax", reason="JAX and PyTorch are large: make frameworks")
@@ -160,10 +160,10 @@ def test_torch_passes_gradcheck_and_gradgradcheck(in_torch, x):
     import torch
 
     one = torch.as_tensor(x[:1]).requires_grad_()
-    # The shape's third derivatives times a step of 1e-4 squared are below these bars.
-    bars = {"eps": 1e-4, "atol": 1e-4, "rtol": 1e-4}
+    # The shape's third derivatives times a step of 1e-4 squared are below these tolerances.
+    tolerances = {"eps": 1e-4, "atol": 1e-4, "rtol": 1e-4}
     position = lambda x: in_torch.loaded(x)[..., -1, :3]
-    assert torch.autograd.gradcheck(position, one, check_forward_ad=True, **bars)
+    assert torch.autograd.gradcheck(position, one, check_forward_ad=True, **tolerances)
     v = torch.as_tensor(x[1:2])
     along = lambda step: position(torch.as_tensor(x[:1]) + step * v)
     assert torch.autograd.gradgradcheck(along, torch.zeros(1, dtype=v.dtype, requires_grad=True))

@@ -17,7 +17,7 @@ from trunk_ocp.codegen.run_checks import build_mex, run, run_octave
 
 AT = (0.9, 1.75)
 BUILT = ["trunk_shape.c", "trunk.c"]
-# Another mesh and formulation, and numbers printed with 17 digits: the bar.
+# Another mesh and formulation, and numbers printed with 17 digits.
 AGREEMENT = 1e-10
 TRUNK = load_anatomy("asian-elephant")
 

@@ -26,7 +26,7 @@ WRITERS = {
     "mex": (nlp.write_nlp_mex, nlp.check_nlp_mex),
 }
 # Differences of order 8 with a step of 3e-3: about h^8 = 1e-20 times a ninth derivative, and
-# round-off 1e-16 / h; the bar of the issue is far above both.
+# round-off 1e-16 / h; the tolerance is far above both.
 STEP = 3e-3
 DIFFERENCES = 1e-8
 CENTRAL = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}

@@ -11,7 +11,7 @@ from trunk_ocp.codegen.numpy_module import check_numpy, write_numpy
 from trunk_ocp.codegen.request import CheckError, Request
 from trunk_ocp.codegen.shape_model import build_model, reference
 
-VALUE = 1e-10  # the promise of issue 7, with different meshes and formulations on either side
+VALUE = 1e-10  # promised agreement, with different meshes and formulations on either side
 EXACT = 1e-12  # complex steps have no error but round-off
 
 

@@ -4,7 +4,7 @@ import pytest
 from click.testing import CliRunner
 from plans import MOTIONS, TOUCH, shipped, written
 
-from trunk_ocp.analysis.multistart import optima
+from trunk_ocp.analysis.multistart import find_optima
 from trunk_ocp.cli import commands
 from trunk_ocp.errors import InputError
 from trunk_ocp.nlp import size
@@ -115,4 +115,4 @@ def test_options_out_of_range_are_refused(wrong):
 @pytest.mark.parametrize("wrong", [{"seed": -1}, {"starts": -1}, {"seed": 10**5000}])
 def test_starts_and_seeds_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match="expected a whole number"):
-        optima(shipped("lift-log"), **wrong)
+        find_optima(shipped("lift-log"), **wrong)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from plans import POINT, TOUCH, written
 
 from trunk_ocp.analysis.lookahead_study import equal_bounds
-from trunk_ocp.analysis.redundancy.needed import motion_without
+from trunk_ocp.analysis.redundancy.ablation import motion_without
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.options import Options

@@ -154,7 +154,7 @@ def test_a_compressed_plan_is_a_fault_and_a_strained_one_a_doubt():
     crushed = spoilt(crushed, states=easy.shape.states)
     assert crushed.status is Status.UNVERIFIED
     assert "compress the trunk to -0.6 of its length" in crushed.verification.faults[0]
-    assert any("Ease the loads" in finding.advice for finding in explain(crushed).findings)
+    assert any("Reduce the loads" in finding.advice for finding in explain(crushed).findings)
 
 
 CONE = """

@@ -241,5 +241,5 @@ def test_the_schema_refuses_unknown_keys_everywhere():
 def test_a_key_that_is_there_twice_is_named_with_its_line(tmp_path, end):
     path = tmp_path / "problem.toml"
     path.write_text(f'name = "a"\ngravity = 9.8\nname = "b"{end}')
-    with pytest.raises(InputError, match="line 3: name: this key is there already"):
+    with pytest.raises(InputError, match="line 3: name: this key exists already"):
         load_motion(path)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from plans import MOTIONS, shipped, written
 
 from trunk_ocp.analysis.lookahead_study import equal_bounds
-from trunk_ocp.analysis.redundancy.needed import motion_without
+from trunk_ocp.analysis.redundancy.ablation import motion_without
 from trunk_ocp.errors import InputError
 from trunk_ocp.problem.build import as_built, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion

@@ -17,7 +17,7 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
-from trunk_ocp.rod.buckling import stability
+from trunk_ocp.rod.buckling import buckling_margin
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.newton import newton
 from trunk_ocp.rod.rod_batch import RodBatch, shape_of_states
@@ -47,7 +47,9 @@ def thrust(P, side=0.0):
 
 def margin(rod, load, mesh=None):
     """Margin of a rod without muscles."""
-    return float(stability(solve_statics(rod, NONE, loads=load, mesh=mesh), NONE, load).margin)
+    return float(
+        buckling_margin(solve_statics(rod, NONE, loads=load, mesh=mesh), NONE, load).margin
+    )
 
 
 # --- Columns -------------------------------------------------------------------------------
@@ -76,7 +78,7 @@ def test_a_thick_column_buckles_a_little_later_as_it_shortens(build):
 )
 def test_the_margin_of_a_column_is_what_euler_leaves(wire, part, index):
     rod, load = wire(), thrust(part * EULER)
-    result = stability(solve_statics(rod, NONE, loads=load), NONE, load)
+    result = buckling_margin(solve_statics(rod, NONE, loads=load), NONE, load)
     assert result.margin == pytest.approx(1 - part, abs=2e-8 * (1 + part) ** 2)
     assert result.index == index
     assert result.stable == (index == 0)
@@ -98,7 +100,7 @@ def test_an_active_column_buckles_by_its_own_length_and_thickness_however_twiste
     P = 5.0
     expected = 1 - P * (1 - P / EA) * zeta_hat**2 / (EULER * EI)
     shape = solve_statics(rod, activation, loads=thrust(P))
-    result = stability(shape, activation, thrust(P))
+    result = buckling_margin(shape, activation, thrust(P))
     np.testing.assert_allclose(result.margin, expected, rtol=0, atol=1e-9)
     assert np.all((expected > 0) == (result.index == 0))
 
@@ -179,7 +181,7 @@ def test_a_buckled_column_is_neutral_about_its_axis_and_stable_otherwise(wire, t
     # costs nothing: e_Z turns the shape, -d_3 turns the sections back, and nothing at the clamp.
     rod = wire()
     shape, load = elastica(rod, 1, tip_angle)
-    result = stability(shape, NONE, load)
+    result = buckling_margin(shape, NONE, load)
     assert result.margin[0] == pytest.approx(0, abs=1e-7)
     assert result.index[0] == 0
     assert not result.stable[0]
@@ -190,7 +192,7 @@ def test_a_buckled_column_is_neutral_about_its_axis_and_stable_otherwise(wire, t
         problem = RodBatch(rod, shape.mesh, np.zeros((1, 0)), np.zeros((1, 2)), [pushed])
         states, converged = newton(problem, shape.states)
         assert converged[0]
-        settled = stability(problem.shape(states, (1,)), NONE, pushed)
+        settled = buckling_margin(problem.shape(states, (1,)), NONE, pushed)
         points = focal_points(problem.shape(states, (1,)), np.zeros((1, 0)), [pushed])
         assert settled.index[0] == points[0] == index
         assert settled.stable[0] == (index == 0)
@@ -201,7 +203,7 @@ def test_a_buckled_column_is_neutral_about_its_axis_and_stable_otherwise(wire, t
 def test_a_column_bent_in_its_second_mode_is_unstable(wire, tip_angle):
     shape, load = elastica(wire(), 2, tip_angle)
     assert -load.tip_force[2] > 9 * EULER
-    result = stability(shape, NONE, load)
+    result = buckling_margin(shape, NONE, load)
     assert result.margin[0] < -1
     assert result.index[0] >= 1
     np.testing.assert_array_equal(result.index, focal_points(shape, np.zeros((1, 0)), [load]))
@@ -212,7 +214,7 @@ def test_a_column_bent_in_its_second_mode_is_unstable(wire, tip_angle):
 
 def test_the_hanging_trunk_is_stable(trunk):
     shape = solve_statics(trunk, REST)
-    result = stability(shape, REST, Loads())
+    result = buckling_margin(shape, REST, Loads())
     assert result.margin.shape == result.index.shape == ()
     assert result.stable
     assert 0.9 < result.margin < 1
@@ -221,7 +223,7 @@ def test_the_hanging_trunk_is_stable(trunk):
 def test_without_loads_nothing_is_lost(trunk, draw):
     activation = draw(trunk, 3, seed=70)
     shape = solve_statics(trunk, activation, loads=Loads(0.0))
-    np.testing.assert_allclose(stability(shape, activation, Loads(0.0)).margin, 1, atol=1e-9)
+    np.testing.assert_allclose(buckling_margin(shape, activation, Loads(0.0)).margin, 1, atol=1e-9)
 
 
 def test_tension_does_not_raise_the_margin_above_one(wire):
@@ -313,7 +315,7 @@ def many(trunk, draw):
 
 
 def test_the_index_is_the_number_of_focal_points(many):
-    index = stability(*many).index
+    index = buckling_margin(*many).index
     assert np.count_nonzero(index) >= 4
     assert np.count_nonzero(index == 0) >= 4
     np.testing.assert_array_equal(index, focal_points(*many))
@@ -321,8 +323,8 @@ def test_the_index_is_the_number_of_focal_points(many):
 
 def test_default_and_fine_meshes_agree(trunk, many):
     _, activation, loads = many
-    coarse = stability(solve_statics(trunk, activation, loads=loads), activation, loads)
-    fine = stability(*many)
+    coarse = buckling_margin(solve_statics(trunk, activation, loads=loads), activation, loads)
+    fine = buckling_margin(*many)
     np.testing.assert_allclose(coarse.margin, fine.margin, rtol=0, atol=1e-5)
     np.testing.assert_array_equal(coarse.index, fine.index)
 
@@ -347,7 +349,7 @@ def test_the_margin_does_not_depend_on_where_the_clamp_points(trunk, draw):
         _, d = reference.base(trunk, psi)
         load = Loads(0.0, tuple(force @ d), 1.4, tuple(force[::-1] @ d), (20.0, 10.0, -40.0) @ d)
         shape = solve_statics(trunk, activation, psi, load)
-        margins.append(float(stability(shape, activation, load).margin))
+        margins.append(float(buckling_margin(shape, activation, load).margin))
     assert abs(margins[0] - 1) > 0.05
     np.testing.assert_allclose(margins, margins[0], rtol=0, atol=1e-9)
 
@@ -362,7 +364,7 @@ def test_a_chain_of_rotations_is_as_stable(trunk, draw, which, intervals, tolera
     )  # fmt: skip
     mesh = mesh_for(trunk, 1.4, elements=12, degree=8)
     shape = solve_statics(trunk, activation, loads=load, mesh=mesh)
-    result = stability(shape, activation, load)
+    result = buckling_margin(shape, activation, load)
     coarse, fine = (chain(trunk, activation, load, shape, n) for n in (intervals, 2 * intervals))
     assert np.abs(fine.stiffness - fine.stiffness.T).max() > 1
     least = (4 * fine.eigenvalues[0] - coarse.eigenvalues[0]) / 3  # Richardson: of fourth order
@@ -374,7 +376,7 @@ def test_a_chain_of_rotations_is_as_stable(trunk, draw, which, intervals, tolera
 @pytest.mark.parametrize("name", MOTIONS)
 def test_every_planned_shape_of_the_shipped_motions_is_stable(name):
     plan = planned(name, "sequential")
-    result = stability(plan.shape, plan.activations, plan.loads)
+    result = buckling_margin(plan.shape, plan.activations, plan.loads)
     assert np.all(result.stable)
     assert result.margin.shape == (len(plan.x),)
 
@@ -383,9 +385,9 @@ def test_long_meshes_are_judged_as_by_one_matrix(trunk, draw, monkeypatch):
     activation, loads = draw(trunk, 8, seed=1), pressed(8, 3, 3000.0)
     mesh = mesh_for(trunk, 1.4, elements=14)
     shape = solve_statics(trunk, activation, loads=loads, mesh=mesh)
-    chained = stability(shape, activation, loads)
+    chained = buckling_margin(shape, activation, loads)
     monkeypatch.setattr(sys.modules["trunk_ocp.rod.buckling"], "MAX_DENSE_UNKNOWNS", 10**6)
-    whole = stability(shape, activation, loads)
+    whole = buckling_margin(shape, activation, loads)
     assert 0 < np.count_nonzero(whole.index) < 8
     np.testing.assert_allclose(chained.margin, whole.margin, rtol=1e-8, atol=1e-8)
     np.testing.assert_array_equal(chained.index, whole.index)
@@ -397,25 +399,25 @@ def test_on_long_meshes_a_column_buckles_under_eulers_load_and_infinite_loads_ar
     assert margin(rod, thrust(0.0), mesh) == margin(rod, thrust(-5.0), mesh) == 1
     load = thrust(25.1 * EULER)
     shape = solve_statics(rod, NONE, loads=load, mesh=mesh)
-    assert stability(shape, NONE, load).index == 6
+    assert buckling_margin(shape, NONE, load).index == 6
     for moment in (np.nan, 1e300):
         states = shape.states.copy()
         states[3, 2, 5] = moment
-        assert not stability(dataclasses.replace(shape, states=states), NONE, load).stable
+        assert not buckling_margin(dataclasses.replace(shape, states=states), NONE, load).stable
 
 
 def test_a_batch_is_its_shapes_one_by_one(trunk, many):
     shape, activation, loads = many
-    every = stability(shape, activation, loads)
+    every = buckling_margin(shape, activation, loads)
     for i in (0, 7):
         alone = dataclasses.replace(
             shape, states=shape.states[i], edges=shape.edges[i], slopes=shape.slopes[i]
         )
-        one = stability(alone, activation[i], loads[i])
+        one = buckling_margin(alone, activation[i], loads[i])
         assert one.margin == pytest.approx(every.margin[i], abs=1e-12)
         assert one.index == every.index[i]
     crossed = solve_statics(trunk, activation[:2, None], loads=loads[:3], mesh=shape.mesh)
-    grid = stability(crossed, activation[:2, None], loads[:3])
+    grid = buckling_margin(crossed, activation[:2, None], loads[:3])
     assert grid.margin.shape == (2, 3)
     assert grid.margin[1, 1] == pytest.approx(every.margin[1], abs=1e-9)
 
@@ -424,10 +426,10 @@ def test_loads_or_activations_that_do_not_match_the_shape_are_refused(trunk):
     shape = solve_statics(trunk, np.zeros((2, 28)))
     for activation, loads in ((np.zeros((3, 28)), Loads()), (REST, [Loads()] * 3)):
         with pytest.raises(InputError, match="leading axes that match those of the shape"):
-            stability(shape, activation, loads)
+            buckling_margin(shape, activation, loads)
     with pytest.raises(InputError, match="one value per muscle"):
-        stability(shape, NONE, Loads())
+        buckling_margin(shape, NONE, Loads())
     with pytest.raises(InputError, match="leading axes"):
-        stability(solve_statics(trunk, REST), REST, [Loads()] * 3)
+        buckling_margin(solve_statics(trunk, REST), REST, [Loads()] * 3)
     with pytest.raises(InputError, match="leading axes"):
-        stability(solve_statics(trunk, REST), REST, [])
+        buckling_margin(solve_statics(trunk, REST), REST, [])

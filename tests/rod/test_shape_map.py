@@ -436,12 +436,12 @@ def test_the_jacobian_of_many_shapes_of_one_activation_is_theirs(trunk):
 
 
 MAP_ARGUMENTS = {
-    "a name": ({"trunk": "asian-elephant"}, "trunk: expected one Trunk, got str"),
-    "several loads": ({"loads": [Loads()]}, "loads: expected one Loads, got list"),
-    "no steps": ({"steps": 0}, "steps = 0: expected a whole number from 1 on"),
+    "a name": ({"trunk": "asian-elephant"}, "trunk = .*: expected a Trunk"),
+    "several loads": ({"loads": [Loads()]}, "loads = .*: expected a Loads"),
+    "no steps": ({"steps": 0}, "steps = 0: expected a whole number from 1"),
     "half a step": ({"steps": 2.5}, r"steps = 2\.5: expected a whole number"),
     "no threads": ({"threads": 0}, "threads = 0: expected a whole number"),
-    "one point": ({"at": 0.9}, r"at = 0\.9: expected a list of points"),
+    "one point": ({"at": 0.9}, r"at = 0\.9: expected a sequence"),
 }
 
 
@@ -553,7 +553,7 @@ def test_an_operation_that_is_not_translated_is_refused():
         python_source(ca.Function("wave", [x], [ca.sin(x)]), "wave")
     y = ca.MX.sym("y")
     graph = ca.Function("graph", [y], [y + y])
-    with pytest.raises(TrunkError, match="graph: expected a function of scalar operations"):
+    with pytest.raises(TrunkError, match="graph: expected an SX function"):
         python_source(graph, "graph")
 
 

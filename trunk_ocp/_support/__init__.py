@@ -1,1 +1,1 @@
-"""What has nothing to do with trunks: files, threads, processes, versions."""
+"""General support: files, threads, processes, versions; nothing about trunks."""

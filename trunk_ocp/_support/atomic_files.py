@@ -1,9 +1,9 @@
-"""Writing so that nobody ever sees half a file, and so that two runs never share a folder.
+"""Atomic writing of files, and folders that only one run at a time writes to.
 
-A file is written under another name in its folder first. That name is no one else's: it has random
-digits and a check of them, and its writer holds a lock on the file for as long as it writes. So
-what a killed process left behind can be told from all that users may have, and from what another
-process is writing at the moment, and only that is ever removed.
+A file is first written under a temporary name in its folder. That name has random digits and a
+checksum of them, and the writer holds a lock on the file while it writes. This distinguishes files
+that a killed process left behind from users' files and from files that another process is still
+writing; only the former are removed.
 """
 
 from __future__ import annotations
@@ -22,40 +22,40 @@ from ..errors import InputError
 
 try:
     import fcntl
-except ImportError:  # Windows: no such locks, and nothing that was left behind is removed
+except ImportError:  # Windows: no such locks, so leftover files are not removed
     fcntl = None  # type: ignore[assignment]
 
 UNFINISHED = ".part"
 LOCK = ".trunk-ocp.lock"
-DEEPEST = 2
-"""Folders below a run's own to which it writes: a plan's folder and the figures in that."""
-LONGEST_STEM = 100
-"""Characters of a name that its unfinished file repeats, as names may be 255 bytes long."""
+MAX_DEPTH = 2
+"""Levels of folders below a run's own that it writes to: a plan's folder and its figures."""
+MAX_STEM = 100
+"""Characters of a name that are repeated in its temporary name; names have at most 255 bytes."""
 _NAME = re.compile(
     r"\.(?P<stem>.*)\.trunk-ocp-(?P<random>[0-9a-f]{16})(?P<check>[0-9a-f]{16})\.part"
 )
 
-_unfinished: set[Path] = set()  # what this process is writing at the moment
+_unfinished: set[Path] = set()  # files that this process is writing
 
 
 @contextlib.contextmanager
 def replacing(path: str | Path, lasting: bool = True) -> Iterator[Path]:
-    """Name under which to write a file, in the folder of `path`, which is made if need be.
+    """Temporary name under which to write a file, in the folder of `path`, created if needed.
 
-    At the end of the block the file takes its place at once, or is removed if the block failed:
-    there is the old file or the new one, at every moment. Any number of processes and threads may
-    write the same file at once; the last one to end wins.
+    At the end of the block the file replaces `path` atomically, or is removed if the block failed:
+    at every moment there is either the old file or the new one. Any number of processes and threads
+    may write the same file concurrently; the last one to finish wins.
 
     Parameters
     ----------
     lasting : bool
-        Whether the file is on the disk itself at the end, and so survives a power cut. That takes
-        milliseconds, and a process that is killed loses nothing either way.
+        Whether to flush the file to disk, so that it survives a power failure. This takes
+        milliseconds; killing the process loses nothing in either case.
 
     Raises
     ------
     InputError
-        If it cannot be written there: no such place, no permission, a full disk.
+        If it cannot be written: no such folder, no permission, a full disk.
     """
     path = Path(path)
     try:
@@ -67,14 +67,14 @@ def replacing(path: str | Path, lasting: bool = True) -> Iterator[Path]:
             os.replace(unfinished, path)
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); make room there or name "
-            "another place."
+            f"{path}: cannot be written ({error.strerror or error}); free some space or name "
+            "another folder."
         ) from error
 
 
 @contextlib.contextmanager
 def _own_file(path: Path) -> Iterator[Path]:
-    """A new empty file beside `path` that is locked within the block, and gone after it."""
+    """A new empty file beside `path`, locked within the block and removed after it."""
     unfinished, descriptor = _created(path)
     try:
         yield unfinished
@@ -86,23 +86,23 @@ def _own_file(path: Path) -> Iterator[Path]:
 
 
 def _created(path: Path) -> tuple[Path, int | None]:
-    """A new file beside `path`, and the descriptor that holds its lock."""
-    stem = path.stem[:LONGEST_STEM]
+    """Create a file beside `path`; its name, and the descriptor that holds its lock."""
+    stem = path.stem[:MAX_STEM]
     while True:
         random = secrets.token_hex(8)
-        # The end stays as it is: some writers tell the format from it.
+        # Keep the suffix, from which some writers infer the format.
         mark = f"trunk-ocp-{random}{_check(stem, random)}"
         unfinished = path.with_name(f".{stem}.{mark}{UNFINISHED}{path.suffix}")
         descriptor = os.open(unfinished, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
         _unfinished.add(unfinished)
         if fcntl is None:
-            os.close(descriptor)  # an open file could not be moved to its place
+            os.close(descriptor)  # an open file cannot be renamed there
             return unfinished, None
-        with contextlib.suppress(OSError):  # no locks on this file system: nothing is removed
+        with contextlib.suppress(OSError):  # a file system without locks
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         if unfinished.exists():
             return unfinished, descriptor
-        # Another process took it for one that was left behind, before it was locked.
+        # Another process removed it as a leftover file before it was locked.
         os.close(descriptor)
         _unfinished.discard(unfinished)
 
@@ -112,12 +112,12 @@ def _check(stem: str, random: str) -> str:
 
 
 def write(path: str | Path, content: bytes | str, lasting: bool = True) -> Path:
-    """Write a file whole, text as UTF-8; see `replacing`. Returns its path.
+    """Write a file atomically, text as UTF-8, and return its path; see `replacing`.
 
     Raises
     ------
     InputError
-        If it cannot be written there.
+        If it cannot be written.
     """
     with replacing(path, lasting) as unfinished:
         unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -125,7 +125,7 @@ def write(path: str | Path, content: bytes | str, lasting: bool = True) -> Path:
 
 
 def discard_unfinished() -> None:
-    """Remove what this process is writing, before it ends in the middle of it."""
+    """Remove the unfinished files of this process, before it exits."""
     for path in list(_unfinished):
         with contextlib.suppress(OSError):
             path.unlink(missing_ok=True)
@@ -141,15 +141,15 @@ def _to_disk(path: Path) -> None:
 
 @contextlib.contextmanager
 def alone(folder: Path) -> Iterator[None]:
-    """Have a folder to oneself, which is made if need be, until the end of the block.
+    """Lock a folder, created if needed, until the end of the block.
 
-    The lock belongs to the process, not to the file: a run that is killed leaves no lock behind.
-    What a killed run was writing is removed.
+    The lock belongs to the process, not to the file: a killed run leaves no lock behind. Its
+    unfinished files are removed.
 
     Raises
     ------
     InputError
-        If another run writes to the folder, or if it cannot be written to.
+        If another run is writing to the folder, or if it is not writable.
     """
     path = folder / LOCK
     lock = FileLock(path)
@@ -157,14 +157,14 @@ def alone(folder: Path) -> Iterator[None]:
         _make(folder)
         if path.is_symlink() or (path.exists() and (not path.is_file() or path.stat().st_size)):
             raise InputError(
-                f"{path}: is not a lock of this program, which has no content; expected no other "
-                "file of this name. Move it away, or name another folder with --out."
+                f"{path}: is not a lock file of this program, which would be empty. Move it away "
+                "or name another folder with --out."
             )
         lock.acquire(timeout=0)
     except Timeout:
         raise InputError(
-            f"{folder}: another run is writing to this folder; wait until it has ended, or name "
-            "another folder with --out."
+            f"{folder}: another run is writing to this folder; wait until it has finished, or "
+            "name another folder with --out."
         ) from None
     except OSError as error:
         raise InputError(
@@ -175,36 +175,36 @@ def alone(folder: Path) -> Iterator[None]:
         _remove_left_behind(folder)
         yield
     finally:
-        with contextlib.suppress(OSError):  # still locked, so that nobody can have it in between
+        with contextlib.suppress(OSError):  # while it is still locked
             path.unlink(missing_ok=True)
         lock.release()
 
 
 def _make(folder: Path) -> None:
-    """Make a folder; InputError where there can be none, such as in /proc."""
+    """Create a folder; InputError where that is impossible, such as in /proc."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileNotFoundError:
         above = next((place for place in folder.parents if place.exists()), folder)
         raise InputError(
-            f"{folder}: no folder can be made in {above}; name another folder with --out."
+            f"{folder}: no folder can be created in {above}; name another folder with --out."
         ) from None
 
 
 def _remove_left_behind(folder: Path, depth: int = 0) -> None:
-    """Remove what killed processes were writing in a folder and those that a run makes in it."""
+    """Remove unfinished files of killed processes from a folder and a run's folders in it."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            if entry.is_dir(follow_symlinks=False) and depth < DEEPEST:
+            if entry.is_dir(follow_symlinks=False) and depth < MAX_DEPTH:
                 _remove_left_behind(Path(entry.path), depth + 1)
             elif entry.is_file(follow_symlinks=False) and _is_ours(entry.name):
                 _remove_if_ended(Path(entry.path))
 
 
 def _is_ours(name: str) -> bool:
-    """Whether a file name is one that `replacing` makes up."""
-    found = _NAME.match(name)
-    return found is not None and found["check"] == _check(found["stem"], found["random"])
+    """Whether a file name has the form of the temporary names of `replacing`."""
+    match = _NAME.match(name)
+    return match is not None and match["check"] == _check(match["stem"], match["random"])
 
 
 def _remove_if_ended(path: Path) -> None:

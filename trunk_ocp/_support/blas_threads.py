@@ -1,7 +1,7 @@
-"""One thread in linear algebra, so that a result does not depend on how many there are.
+"""One BLAS thread, so that results do not depend on the number of threads.
 
-BLAS adds in another order with another number of threads. The matrices here are small: more
-threads gain nothing, and often cost.
+The order in which BLAS adds numbers depends on the number of threads. The matrices here are small:
+more threads gain nothing and often cost time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from threadpoolctl import OpenBLASController, ThreadpoolController, register
 
 
 class _CasadiBlas(OpenBLASController):
-    """OpenBLAS as CasADi's wheels bring it for Ipopt's linear solver."""
+    """OpenBLAS as bundled with CasADi for the linear solver of Ipopt."""
 
     filename_prefixes = ("libcasadi-tp-openblas",)
 
@@ -27,7 +27,7 @@ register(_CasadiBlas)
 
 @dataclass
 class _Limit:
-    """What is in force while any block of `one_thread` runs, in whatever thread."""
+    """The limit in force while any block of `one_thread` runs, in any thread."""
 
     lock: threading.Lock = field(default_factory=threading.Lock)
     blocks: int = 0
@@ -39,10 +39,10 @@ _limit = _Limit()
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Block, or function, in which BLAS has one thread, whatever the environment says.
+    """Context manager and decorator: BLAS uses one thread, whatever the environment says.
 
-    The number of threads belongs to the process: blocks may overlap in several threads, and the
-    last one to end restores what the first one found.
+    The number of BLAS threads belongs to the process. Blocks may overlap in several threads; the
+    last one to end restores the number that the first one found.
     """
     with _limit.lock:
         if not _limit.blocks:
@@ -59,5 +59,5 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def _libraries() -> ThreadpoolController:
-    ca.has_nlpsol("ipopt")  # loads it: a library that is not there yet cannot be told
+    ca.has_nlpsol("ipopt")  # loads its libraries, which must be present to be limited
     return ThreadpoolController()

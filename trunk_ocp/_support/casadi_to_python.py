@@ -1,4 +1,4 @@
-"""CasADi functions of scalar operations as Python source: for numba, and for modules we export."""
+"""CasADi functions of scalar operations as Python source, for numba and for exported modules."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ def python_source(function: ca.Function, name: str, namespace: bool = False) -> 
     """Python source of a CasADi SX function: name(input 0, ..., output 0, ...).
 
     Inputs are read and outputs set entry by entry, column by column; entries may be numbers or
-    arrays. With `namespace` there is a last argument `xp`, an array library whose functions are
-    called, such as numpy; without it, a function may use arithmetic alone.
+    arrays. With `namespace` there is a last argument `xp`, an array library such as numpy, whose
+    functions are called; without it, only arithmetic is translated.
 
     Raises
     ------
     TrunkError
-        If the function is not of SX, or uses an operation that is not translated.
+        If the function is not an SX function, or uses an untranslated operation.
     """
     if not function.is_a("SXFunction"):
-        raise TrunkError(f"{function.name()}: expected a function of scalar operations (SX).")
+        raise TrunkError(f"{function.name()}: expected an SX function.")
     operations = _ARITHMETIC | (_FUNCTIONS if namespace else {})
     arguments = [f"i{k}" for k in range(function.n_in())]
     arguments += [f"o{k}" for k in range(function.n_out())]

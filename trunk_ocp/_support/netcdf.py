@@ -1,9 +1,9 @@
-"""Reading netCDF-3 files, the format of saved plans, when they may come from anybody.
+"""Safe reading of netCDF-3 files, the format of saved plans, from untrusted sources.
 
-The classic format (CDF-1, CDF-2) is a header with dimensions, attributes and variables, then the
-variables' numbers one after the other, all big-endian (NetCDF Classic and 64-bit Offset File
-Formats, Unidata). What the header claims is held against the size of the file before anything is
-made of it, and arrays are views of its bytes: a file takes no more memory than it has bytes.
+The classic format (CDF-1, CDF-2) is a header with dimensions, attributes and variables, followed by
+the data of the variables, all big-endian (NetCDF Classic and 64-bit Offset File Formats, Unidata).
+The claims of the header are checked against the size of the file before any memory is allocated,
+and arrays are views of the file's bytes: reading takes no more memory than the file has bytes.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import numpy as np
 
 from ..errors import InputError
 
-MOST = 1000
-"""Dimensions, attributes and variables, each; a plan has some twenty."""
-KINDS = {1: ">i1", 2: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8"}
-TEXT, LONGEST_TEXTS = 2, 16_000_000  # all attributes together, characters
-DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of the header's lists
+MAX_ITEMS = 1000
+"""Of dimensions, of attributes and of variables; a plan has about twenty."""
+DTYPES = {1: ">i1", 2: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8"}
+TEXT, MAX_TEXT = 2, 16_000_000  # type of texts; characters of all attributes together
+DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of the lists in the header
 
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """Attributes of a file (texts and numbers) and its arrays, by name."""
+    """Attributes (texts and numbers) and arrays of a file, by name."""
 
     attributes: dict[str, Any]
     arrays: dict[str, np.ndarray]
@@ -45,10 +45,10 @@ def read_netcdf(content: bytes) -> Contents:
     Raises
     ------
     InputError
-        If it is no such file, or claims what it does not have. Unlimited dimensions are refused.
+        If it is not such a file, or claims more data than it has. Unlimited dimensions are refused.
     """
     if content[:3] != b"CDF" or content[3:4] not in (b"\x01", b"\x02"):
-        raise InputError("it is no netCDF-3 file")
+        raise InputError("it is not a netCDF-3 file")
     header = _Header(content, wide=content[3] == 2)
     header.whole()  # number of records
     dimensions = [(header.name(), header.whole()) for _ in range(header.items(DIMENSIONS))]
@@ -60,27 +60,27 @@ def read_netcdf(content: bytes) -> Contents:
             raise InputError(f"it has two arrays {name!r}")
         arrays[name] = array
     if sum(array.nbytes for array in arrays.values()) > len(content):
-        raise InputError("its arrays share their numbers")
+        raise InputError("its arrays overlap")
     return Contents(attributes, arrays)
 
 
 class _Header:
-    """A place in a header, from which its parts are read one after the other."""
+    """A position in a header, from which its parts are read in order."""
 
     def __init__(self, content: bytes, wide: bool) -> None:
         self.content, self.at, self.wide = content, 4, wide
         self.texts = 0  # characters of attributes so far
 
     def take(self, size: int) -> bytes:
-        """The next bytes, after which comes a multiple of four."""
+        """The next bytes; the position moves on to a multiple of four."""
         part = self.content[self.at : self.at + size]
         if len(part) != size:
-            raise InputError("it is cut off")
+            raise InputError("it is truncated")
         self.at += size + -size % 4
         return part
 
     def whole(self) -> int:
-        """A number of four bytes."""
+        """A four-byte integer."""
         value: int = struct.unpack(">I", self.take(4))[0]
         return value
 
@@ -93,34 +93,34 @@ class _Header:
 
     def items(self, tag: int) -> int:
         """Number of entries of a list."""
-        found, size = self.whole(), self.whole()
-        if found not in (tag, 0) or (found == 0 and size) or size > MOST:
+        actual_tag, size = self.whole(), self.whole()
+        if actual_tag not in (tag, 0) or (actual_tag == 0 and size) or size > MAX_ITEMS:
             raise InputError("its header is damaged")
         return size
 
     def attributes(self) -> dict[str, Any]:
         """A list of attributes: texts, numbers and, rarely, tuples of numbers."""
-        found = {}
+        values_by_name = {}
         for _ in range(self.items(ATTRIBUTES)):
             name, kind, size = self.name(), self.whole(), self.whole()
-            if kind not in KINDS:
+            if kind not in DTYPES:
                 raise InputError(f"{name}: its type is unknown")
             self.texts += size
-            if self.texts > LONGEST_TEXTS:
-                raise InputError(f"{name}: its text is too large; expected that of one plan")
-            content = self.take(size * np.dtype(KINDS[kind]).itemsize)
-            values = np.frombuffer(content, KINDS[kind])
-            found[name] = (
+            if self.texts > MAX_TEXT:
+                raise InputError(f"{name}: its text is too large for a plan")
+            content = self.take(size * np.dtype(DTYPES[kind]).itemsize)
+            values = np.frombuffer(content, DTYPES[kind])
+            values_by_name[name] = (
                 content.decode("utf-8")
                 if kind == TEXT
                 else values[0].item()
                 if values.size == 1
-                else tuple(values[:MOST].tolist())
+                else tuple(values[:MAX_ITEMS].tolist())
             )
-        return found
+        return values_by_name
 
     def variable(self, dimensions: list[tuple[str, int]]) -> tuple[str, np.ndarray]:
-        """A variable: its name, and a view of its numbers."""
+        """The name of a variable and a view of its data."""
         name, rank = self.name(), self.whole()
         if rank > 8:
             raise InputError(f"{name}: it has too many dimensions")
@@ -130,12 +130,12 @@ class _Header:
         shape = [dimensions[number][1] for number in numbers]
         self.attributes()
         kind = self.whole()
-        self.whole()  # its size, which follows from its shape
+        self.whole()  # the size, which also follows from the shape
         begin = struct.unpack(">Q", self.take(8))[0] if self.wide else self.whole()
-        if kind not in KINDS or 0 in shape:
+        if kind not in DTYPES or 0 in shape:
             raise InputError(f"{name}: its type or shape is unknown")
-        dtype, count = np.dtype(KINDS[kind]), math.prod(shape)
+        dtype, count = np.dtype(DTYPES[kind]), math.prod(shape)
         if begin < 8 or begin + count * dtype.itemsize > len(self.content):
-            raise InputError(f"{name}: its numbers are beyond the end of the file")
+            raise InputError(f"{name}: its data are beyond the end of the file")
         values = np.frombuffer(self.content, dtype, count, begin)
         return name, values.reshape(shape)

@@ -1,8 +1,8 @@
-"""Independent computations side by side, in processes of one thread each.
+"""Independent computations in parallel, in processes of one thread each.
 
-The only place that starts processes. Results do not depend on how many there are: every task is
-computed from its arguments alone. Where no process can be started (no shared memory, no room for
-more processes, a daemon process) the tasks are computed here, one after the other.
+The only module that starts worker processes. Results do not depend on their number: every task is
+computed from its arguments alone. Where no process can be started (no shared memory, process limit
+reached, a daemon process) the tasks run in this process, in order.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from .ranges import check
 
 T = TypeVar("T")
 Job = tuple[Callable[..., T], tuple[Any, ...]]
-"""A function of a module, for processes to find it, and its arguments."""
-Done = Callable[[int, int], object]
-"""Told how many tasks are done, and of how many."""
-POLL = 0.2  # s between two looks at whether the user wants to stop
+"""A module-level function, which workers can import, and its arguments."""
+DoneCallback = Callable[[int, int], object]
+"""Called with the number of finished tasks and of all tasks."""
+POLL_INTERVAL = 0.2  # s between checks whether the user wants to stop
 CGROUP = Path("/sys/fs/cgroup")
 
 
 def cores() -> int:
-    """Number of processors that this process may use: its affinity and its container's quota."""
-    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    """Number of cores that this process may use, by its affinity and its container's quota."""
+    affinity = getattr(os, "sched_getaffinity", None)  # absent on some systems
     count = len(affinity(0)) if affinity else os.cpu_count() or 1
     with suppress(OSError, ValueError):
         quota, period = (CGROUP / "cpu.max").read_text().split()
@@ -51,26 +51,29 @@ def cores() -> int:
     return max(count, 1)
 
 
-def run(
+def run_tasks(
     function: Callable[..., T],
     tasks: Sequence[tuple[Any, ...]],
     processes: int | None = None,
     reporter: Reporter | None = None,
-    done: Done | None = None,
-    found: Callable[[int, T], object] | None = None,
+    done: DoneCallback | None = None,
+    on_result: Callable[[int, T], object] | None = None,
 ) -> list[T]:
-    """Call a function with the arguments of each task, and a reporter behind them.
+    """Call a function with the arguments of each task, followed by a reporter.
 
     Parameters
     ----------
-    function : of a module, for processes to find it
+    function : callable
+        Defined in a module, so that workers can import it.
     processes : int, optional
-        1 computes here, one task after the other; by default one for each core that this process
-        may use.
+        By default one for each core that this process may use; 1 runs the tasks in this process.
     reporter : Reporter, optional
-        Its `stop` ends all tasks: at once in other processes, after the current iteration here.
-    found : callable, optional
-        Called with (number of the task, its result) as soon as there is one.
+        Its `stop` ends all tasks: immediately in workers, after the current iteration in this
+        process.
+    done : callable, optional
+        Called with (finished tasks, all tasks) at the start and after each task.
+    on_result : callable, optional
+        Called with (index of the task, its result) as each task finishes.
 
     Returns
     -------
@@ -79,25 +82,25 @@ def run(
     Raises
     ------
     KeyboardInterrupt
-        If the reporter asks to stop before all is done.
+        If the reporter asks to stop before all tasks are finished.
     TrunkError
-        If a process was ended from outside.
+        If a worker process was killed.
     """
     if processes is not None:
         check(processes, "processes")
     reporter, done = reporter or Reporter(), done or (lambda _, __: None)
     count = min(processes or cores(), len(tasks))
     here = count <= 1 or not may_start()
-    told = (reporter,) if here else (Reporter(),)
-    jobs: list[Job[T]] = [(function, (*task, *told)) for task in tasks]
+    listener = reporter if here else Reporter()  # workers cannot report back
+    jobs: list[Job[T]] = [(function, (*task, listener)) for task in tasks]
     results: dict[int, T] = {}
     done(0, len(tasks))
-    with closing(finished(jobs, 1 if here else count, lambda: _check(reporter))) as ended:
-        for number, future in ended:
+    with closing(iter_finished(jobs, 1 if here else count, lambda: _check(reporter))) as futures:
+        for number, future in futures:
             result = results[number] = future.result()  # raises what the task raised
             _check(reporter)
-            if found is not None:
-                found(number, result)
+            if on_result is not None:
+                on_result(number, result)
             done(len(results), len(tasks))
     return [results[number] for number in range(len(tasks))]
 
@@ -107,49 +110,49 @@ def _check(reporter: Reporter) -> None:
         raise KeyboardInterrupt
 
 
-def finished(
+def iter_finished(
     jobs: Sequence[Job[T]], processes: int, poll: Callable[[], object] = lambda: None
 ) -> Generator[tuple[int, Future[T]]]:
-    """Number and future of each job as it ends; a job that failed has its error in its future.
+    """Index and future of each job as it finishes; a failed job has its error in its future.
 
     Parameters
     ----------
     poll : callable
-        Called a few times a second; what it raises ends all jobs.
+        Called a few times a second; an exception from it ends all jobs.
 
     Raises
     ------
     TrunkError
-        If a process was ended from outside.
+        If a worker process was killed.
     """
     if processes <= 1 or not may_start():
         for number, (function, arguments) in enumerate(jobs):
             yield number, _computed(function, arguments)
         return
     with _pool(min(processes, len(jobs))) as pool:
-        waiting = _submitted(pool, jobs)
-        while waiting:
-            ended, _ = wait(waiting, POLL, FIRST_COMPLETED)
+        pending = _submitted(pool, jobs)
+        while pending:
+            completed, _ = wait(pending, POLL_INTERVAL, FIRST_COMPLETED)
             poll()
-            for future in ended:
+            for future in completed:
                 _raise_if_broken(future)
-                yield waiting.pop(future), future
-        if waiting is not None:
+                yield pending.pop(future), future
+        if pending is not None:
             return
-    yield from finished(jobs, 1)
+    yield from iter_finished(jobs, 1)
 
 
 def _submitted(pool: ProcessPoolExecutor, jobs: Sequence[Job[T]]) -> dict[Future[T], int] | None:
-    """Futures of jobs and their numbers; None if there is no room for a process or a thread."""
-    with deferred_interrupts(), _main_left_alone(jobs), _interrupts_kept():
+    """Futures of jobs and their indices; None if no process or thread can be started."""
+    with deferred_interrupts(), _script_hidden(jobs), _interrupts_blocked():
         try:
-            return {pool.submit(function, *given): n for n, (function, given) in enumerate(jobs)}
+            return {pool.submit(function, *args): n for n, (function, args) in enumerate(jobs)}
         except (OSError, RuntimeError):
             return None
 
 
 def _computed(function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
-    """A future that is over: the function called here."""
+    """A completed future: the function called in this process."""
     future: Future[T] = Future()
     try:
         future.set_result(function(*arguments))
@@ -161,18 +164,18 @@ def _computed(function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[
 def _raise_if_broken(future: Future[Any]) -> None:
     if isinstance(future.exception(), BrokenProcessPool):
         raise TrunkError(
-            "A process that works beside this one was ended from outside, perhaps for want of "
-            "memory. With processes=1 (--processes 1) all is computed in this one; a script that "
-            "passes functions of its own needs if __name__ == '__main__': around what it runs."
+            "A worker process was killed, perhaps because memory ran out. With processes=1 "
+            "(--processes 1) everything runs in this process; a script that passes its own "
+            "functions needs if __name__ == '__main__': around its main code."
         ) from None
 
 
 def may_start() -> bool:
-    """Whether processes of our own can be started and spoken with here."""
-    if multiprocessing.current_process().daemon:  # of a pool of the user's
+    """Whether worker processes can be started here."""
+    if multiprocessing.current_process().daemon:  # such as a worker of the user's own pool
         return False
     try:
-        # Needs shared memory, which locked containers lack, and semaphores.
+        # Needs semaphores and shared memory, which locked-down containers lack.
         multiprocessing.get_context("spawn").Lock()
     except (OSError, ImportError, NotImplementedError):
         return False
@@ -181,32 +184,32 @@ def may_start() -> bool:
 
 @contextmanager
 def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes that end with the block, and with this process however it ends."""
-    # New processes: what is forked from one with solver threads may hang.
+    """Worker processes that end with the block, and with this process however it ends."""
+    # Spawn: a process forked from one with solver threads may hang.
     context = multiprocessing.get_context("spawn")
     reader, writer = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(count, context, _begin, (reader,))
+    pool = ProcessPoolExecutor(count, context, _start_worker, (reader,))
     try:
         yield pool
         pool.shutdown()
     finally:
-        writer.close()  # whoever still works ends here
+        writer.close()  # workers that are still busy exit
         pool.shutdown(cancel_futures=True)
         reader.close()
 
 
-_main = threading.RLock()  # held while sys.modules may have no script, for threads overlap
+_main_lock = threading.RLock()  # held while sys.modules lacks the script, as threads may overlap
 
 
 @contextmanager
-def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
-    """Processes that start meanwhile do not run the user's script again.
+def _script_hidden(jobs: Sequence[Job[Any]]) -> Iterator[None]:
+    """Workers that start in this block do not run the user's script again.
 
-    By default they do, to find functions that it defines. Of ours they need none, and a script
-    without `if __name__ == "__main__":`, or one that came by standard input, would break them.
+    By default they do, to find functions that it defines. Our tasks need none of these, and a
+    script without `if __name__ == "__main__":`, or one read from standard input, would break them.
     """
     needed = any(getattr(function, "__module__", "") == "__main__" for function, _ in jobs)
-    with _main:
+    with _main_lock:
         main = sys.modules["__main__"]
         if not needed:
             sys.modules["__main__"] = ModuleType("__main__")
@@ -217,10 +220,10 @@ def _main_left_alone(jobs: Sequence[Job[Any]]) -> Iterator[None]:
 
 
 @contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Processes that start meanwhile never see Ctrl-C, not even amid their imports.
+def _interrupts_blocked() -> Iterator[None]:
+    """Workers that start in this block never see Ctrl-C, not even during their imports.
 
-    It reaches every process of a terminal at once; this one answers for all, after the block.
+    Ctrl-C reaches every process of a terminal; this process handles it for all, after the block.
     """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
@@ -232,28 +235,28 @@ def _interrupts_kept() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_threads: list[Any] = []  # of a process that works: keeps it at one thread until it ends
+_thread_limits: list[Any] = []  # of a worker: keeps it at one BLAS thread until it ends
 
 
-def _begin(lifeline: Connection) -> None:
-    """Begin a process that works: Ctrl-C reaches all at once, and the first one answers for all."""
+def _start_worker(lifeline: Connection) -> None:
+    """Set up a worker: it ignores Ctrl-C, which its parent handles for all workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: _leave())
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as in a command
+    signal.signal(signal.SIGTERM, lambda number, frame: _exit())
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # as the commands do
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
-    _threads.append(one_thread())
-    _threads[-1].__enter__()
+    threading.Thread(target=_exit_with_parent, args=(lifeline,), daemon=True).start()
+    _thread_limits.append(one_thread())
+    _thread_limits[-1].__enter__()
 
 
-def _follow(lifeline: Connection) -> None:
-    """Wait until the process that started this one closes the line, or ends, however it ends."""
+def _exit_with_parent(lifeline: Connection) -> None:
+    """Wait until the parent closes the pipe or ends, however it ends; then exit."""
     with suppress(EOFError, OSError):
         lifeline.recv()
-    _leave()
+    _exit()
 
 
-def _leave() -> None:
+def _exit() -> None:
     discard_unfinished()
     os._exit(1)

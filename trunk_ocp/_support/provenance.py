@@ -1,4 +1,4 @@
-"""Where a result comes from: versions of what made it, and fingerprints of what it was made of."""
+"""Provenance of results: versions of the software, and fingerprints of the input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pydantic import BaseModel
 
 @cache
 def versions() -> dict[str, str]:
-    """Version of everything whose change may change a result's last digits."""
+    """Versions of everything that may affect the last digits of a result."""
     return {
         "trunk_ocp": version("trunk_ocp"),
         "casadi": version("casadi"),
@@ -33,22 +33,22 @@ def versions() -> dict[str, str]:
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256, in hexadecimal, of what a value says, whatever its file looked like.
+    """SHA-256, in hexadecimal, of a value, independent of the formatting of its file.
 
-    The value is brought into one form first: JSON without spaces, keys sorted, every number with
-    all of its digits. Takes file sections, dataclasses, arrays, and what JSON has.
+    The value is first serialized to JSON without spaces, with sorted keys and all digits. It may
+    consist of file sections, dataclasses, arrays, and JSON types.
     """
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=plain)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def plain(value: Any) -> Any:
-    """A file section, a dataclass or an array as JSON has it.
+    """A file section, a dataclass or an array as JSON types.
 
     Raises
     ------
     TypeError
-        If it is none of these.
+        If it is of another type.
     """
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
@@ -56,13 +56,13 @@ def plain(value: Any) -> Any:
         return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
         return value.tolist()
-    raise TypeError(f"{type(value).__name__}: has no plain form.")
+    raise TypeError(f"{type(value).__name__}: cannot be serialized.")
 
 
 def _ipopt_version() -> str:
-    """Ipopt tells its version only in the banner of a solve."""
-    x, said = ca.SX.sym("x"), io.StringIO()
-    with contextlib.redirect_stdout(said):
+    """Version of Ipopt, which reports it only in the banner of a solve."""
+    x, banner = ca.SX.sym("x"), io.StringIO()
+    with contextlib.redirect_stdout(banner):
         ca.nlpsol("probe", "ipopt", {"x": x, "f": x**2}, {"ipopt.print_level": 5})(x0=1.0)
-    found = re.search(r"Ipopt version ([\w.]*\w)", said.getvalue())
-    return found[1] if found else "unknown"
+    match = re.search(r"Ipopt version ([\w.]*\w)", banner.getvalue())
+    return match[1] if match else "unknown"

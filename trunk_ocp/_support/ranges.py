@@ -1,18 +1,19 @@
-"""Ranges of all numbers that a user may choose, on the command line and in Python, each once."""
+"""Ranges of all numbers that a user may choose, for the command line and Python."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..errors import InputError
 
-SHOWN = 30  # characters of a value in a message
+MAX_SHOWN = 30  # characters of a value in a message
 
 
 @dataclass(frozen=True)
 class Range:
-    """The values that an option may have; without its ends `lowest` if `above`."""
+    """The values that an option may have, without `lowest` itself if `above`."""
 
     lowest: float
     highest: float
@@ -44,29 +45,30 @@ RANGES = {
     "degree": Range(1, 20),
     "activation limit": Range(0, 1e6, whole=False, above=True),
     "rate limit": Range(0, 1e9, whole=False, above=True),
-    "weight": Range(0, 1e6, whole=False),
+    "weight": Range(0, 1e12, whole=False),
     "Z": Range(0, 1e6, whole=False),
 }
 
 
 def check(value: object, kind: str, name: str = "") -> None:
-    """Raise InputError if a value is not within its range.
+    """Raise InputError if a value is out of range.
 
     Parameters
     ----------
+    value : object
     kind : str
         Key of `RANGES`.
     name : str, optional
-        What the value is called where it was given, if not `kind`.
+        Name of the argument, if not `kind`.
     """
     if value not in RANGES[kind]:
         raise InputError(f"{name or kind} = {shown(value)}: expected {RANGES[kind]}.")
 
 
-def shown(value: object) -> str:
-    """A value for a message, of thousands of digits or not."""
+def shown(value: object, as_text: Callable[[object], str] = str) -> str:
+    """A value for a message, shortened if it is long."""
     try:
-        text = str(value)
-    except ValueError:  # Python writes no whole numbers of thousands of digits
+        text = as_text(value)
+    except ValueError:  # Python refuses to write whole numbers of thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}... ({len(text):,} characters)"
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}... ({len(text):,} characters)"

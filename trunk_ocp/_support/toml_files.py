@@ -1,7 +1,6 @@
-"""Validated reading of TOML files: errors name file, key, value and what was expected.
+"""Validated reading of TOML files: errors name the file, key, value and expectation.
 
-A file is data from anywhere: whatever is in it, reading ends soon, and either with a value
-or with an `InputError`.
+Files are untrusted: whatever they contain, reading ends quickly, with a value or an `InputError`.
 """
 
 from __future__ import annotations
@@ -23,33 +22,34 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
 
-LARGEST_FILE = 300_000
-"""Bytes; a hundred times a shipped file, and still read in a fraction of a second."""
-SMALLEST, LARGEST = 1e-24, 1e24
-"""Sizes of a number other than 0; powers and products of such numbers stay far from overflow."""
-MOST_FAULTS = 20
-"""Faults of one file that are told."""
-LONGEST_WORD = 60
-"""Characters of a value that are shown, and of a key that may be a misspelt one."""
+MAX_FILE_SIZE = 300_000
+"""Bytes: a hundred times a shipped file, yet read in a fraction of a second."""
+SMALLEST_NUMBER, LARGEST_NUMBER = 1e-24, 1e24
+"""Magnitudes of nonzero numbers; powers and products of such numbers do not overflow."""
+MAX_FAULTS = 20
+"""Faults of one file that are reported."""
+MAX_WORD = 60
+"""Characters of a value that are shown, and of a key that is compared with known ones."""
+MAX_JSON, MAX_PARTS = 2_000_000, 100_000
+"""Characters, and commas and brackets, of a problem or an anatomy in JSON: more than any sensible
+file needs, and few enough for the case that every one is at fault."""
 
-
-LONGEST_JSON, MOST_PARTS = 2_000_000, 100_000
-"""Characters, and commas and brackets, of a problem or an anatomy in JSON: more than a file with
-all that a trunk can do makes, and few enough for every one to be at fault."""
-
-
-_OBEYED = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories of what a terminal obeys or hides
+_CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")  # categories that terminals interpret or hide
 
 
 def printable(text: str, lines: bool = False) -> str:
-    """A text from anywhere with what a terminal would obey written out as escapes.
+    """An untrusted text with control characters escaped.
 
-    lines : whether it may have several lines.
+    Parameters
+    ----------
+    text : str
+    lines : bool
+        Whether line breaks stay.
     """
     if text.isprintable():
         return text
     return "".join(
-        c if (lines and c == "\n") or unicodedata.category(c) not in _OBEYED else _escaped(c)
+        c if (lines and c == "\n") or unicodedata.category(c) not in _CONTROL else _escaped(c)
         for c in text
     )
 
@@ -59,20 +59,22 @@ def _escaped(character: str) -> str:
 
 
 def _sized(value: float) -> float:
-    if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise ValueError(f"expected 0 or a size from {SMALLEST:g} to {LARGEST:g}, in SI units")
+    if value and not SMALLEST_NUMBER <= abs(value) <= LARGEST_NUMBER:
+        raise ValueError(
+            f"expected 0 or a magnitude from {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}, in SI units"
+        )
     return value
 
 
 def _printable(text: str) -> str:
-    """A text without what a terminal would obey rather than show."""
-    if any(unicodedata.category(c) in _OBEYED for c in text):
+    """A text without control characters; ValueError otherwise."""
+    if any(unicodedata.category(c) in _CONTROL for c in text):
         raise ValueError("expected a line of text without control characters")
     return text
 
 
-# No Field in a type that several keys share: pydantic before 2.11.5 keeps one key's default in it,
-# which then makes every later key of the type optional.
+# No Field in a type that several keys share: pydantic before 2.11.5 stores the default of one key
+# in it, which makes every later key of the type optional.
 Number = Annotated[float, AfterValidator(_sized)]
 Positive = Annotated[float, Gt(0), AfterValidator(_sized)]
 NonNegative = Annotated[float, Ge(0), AfterValidator(_sized)]
@@ -95,18 +97,20 @@ def read_toml(path: Path, model: type[Model]) -> Model:
     Raises
     ------
     InputError
-        If the file cannot be read, is not TOML, or does not fit `model`; the message
-        lists its faults at once.
+        If the file cannot be read, is not TOML, or does not fit `model`; the message lists all
+        faults.
     """
     try:
-        content = read_bytes(path, LARGEST_FILE)
+        content = read_bytes(path, MAX_FILE_SIZE)
         data = tomllib.loads(content.decode("utf-8-sig"))
         # Through JSON, whose strict mode takes arrays as tuples but never "1.75" as a number.
         text = json.dumps(data, default=str)
     except RecursionError:
         raise InputError(f"{path}: is nested too deeply; expected a few levels.") from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8 text, which TOML is; save it as UTF-8.") from None
+        raise InputError(
+            f"{path}: is not UTF-8 text, as TOML requires; save it as UTF-8."
+        ) from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: is not valid TOML: {_toml_fault(error, content)}.") from None
     except ValueError:
@@ -116,31 +120,31 @@ def read_toml(path: Path, model: type[Model]) -> Model:
         ) from None
     try:
         check_json(text)
-        found = model.model_validate_json(text)
-        check_json(found.model_dump_json())  # a plan of it has to be saved
-        return found
+        content_model = model.model_validate_json(text)
+        check_json(content_model.model_dump_json())  # must be small enough to be saved with a plan
+        return content_model
     except InputError as error:
-        raise InputError(f"{path}: {error}. Leave out what is not needed.") from None
+        raise InputError(f"{path}: {error}. Remove what is not needed.") from None
     except ValidationError as error:
         faults = error.errors(include_url=False)
-        told = _telling(faults[: 10 * MOST_FAULTS], data)[:MOST_FAULTS]
-        lines = [f"  {_describe(fault, model)}" for fault in told]
-        if len(faults) > 10 * MOST_FAULTS:
+        primary = _primary_faults(faults[: 10 * MAX_FAULTS], data)[:MAX_FAULTS]
+        lines = [f"  {_describe(fault, model)}" for fault in primary]
+        if len(faults) > 10 * MAX_FAULTS:
             lines.append("  and many more.")
         raise InputError("\n".join([f"{path}:", *lines])) from None
 
 
 def _toml_fault(error: tomllib.TOMLDecodeError, content: bytes) -> str:
-    """What is wrong with a TOML file; of a key that is there twice, which one and where."""
-    told = str(error)
-    if not told.startswith("Cannot overwrite a value"):
-        return told
+    """The fault of a TOML file; for a repeated key, which one and where."""
+    message = str(error)
+    if not message.startswith("Cannot overwrite a value"):
+        return message
     lines = content.decode("utf-8-sig").rstrip().splitlines()
-    found = re.search(r"at line ([0-9]+)", told)
-    number = int(found[1]) if found else len(lines)  # none at the end of the file
+    match = re.search(r"at line ([0-9]+)", message)
+    number = int(match[1]) if match else len(lines)  # no number at the end of the file
     key, equals, _ = lines[number - 1].partition("=")
-    which = f"{_clean(key.strip())}: this key" if equals else "the key of what ends here"
-    return f"line {number}: {which} is there already; expected each key once"
+    which = f"{_clean(key.strip())}: this key" if equals else "the key that ends here"
+    return f"line {number}: {which} exists already; expected each key once"
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -149,7 +153,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     Raises
     ------
     InputError
-        For anything else: a missing file, a folder, a pipe or a device, which may have no end.
+        For anything else: a missing file, a folder, a pipe or a device, which may be endless.
     """
     try:
         if path.exists() and not path.is_file():
@@ -165,22 +169,22 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 
 def parts_of(text: str) -> int:
-    """Commas and brackets of a JSON text: no fewer than it has values."""
+    """Commas and brackets of a JSON text, an upper bound on its values."""
     return sum(map(text.count, ",[{"))
 
 
 def check_json(text: str) -> None:
-    """Raise InputError unless a problem or an anatomy in JSON is as short as one may be."""
+    """Raise InputError if a problem or an anatomy in JSON is too large."""
     parts = parts_of(text)
-    if len(text) > LONGEST_JSON or parts > MOST_PARTS:
+    if len(text) > MAX_JSON or parts > MAX_PARTS:
         raise InputError(
             f"is too large, with {len(text):,} characters and {parts:,} parts in JSON; expected "
-            f"at most {LONGEST_JSON:,} and {MOST_PARTS:,}"
+            f"at most {MAX_JSON:,} and {MAX_PARTS:,}"
         )
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file; False for names that no file can have."""
+    """Whether there is a regular file; False for impossible names."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -188,33 +192,35 @@ def is_file(path: Path) -> bool:
 
 
 def shipped(name_or_path: str, *folders: Path) -> Path:
-    """Path of a file shipped in one of some folders by its name, or of the user's own file.
+    """Path of a file: a shipped one in some folders by its name, or the user's own.
 
     Raises
     ------
     InputError
-        If there is neither; names the shipped ones and the closest match.
+        If there is neither; lists the shipped names and the closest match.
     """
-    every = {path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))}
-    if name_or_path in every:
-        return every[name_or_path]
+    shipped_files = {
+        path.stem: path for folder in folders for path in sorted(folder.glob("*.toml"))
+    }
+    if name_or_path in shipped_files:
+        return shipped_files[name_or_path]
     path = Path(name_or_path)
     if is_file(path):
         return path
     raise InputError(
         f"{_clean(name_or_path)}: neither a file nor a shipped name; "
-        f"expected a path to a TOML file or one of {', '.join(every)}."
-        f"{_suggestion(name_or_path, [*every])}"
+        f"expected a path to a TOML file or one of {', '.join(shipped_files)}."
+        f"{_suggestion(name_or_path, [*shipped_files])}"
     )
 
 
-def _telling(faults: list[Any], data: dict[str, Any]) -> list[Any]:
+def _primary_faults(faults: list[Any], data: dict[str, Any]) -> list[Any]:
     """Faults without those that only follow from others.
 
-    Of a value that may be a vector or a table, only the fault of what was written counts; a
-    list whose entries are all at fault is not empty.
+    A value may be of several types, such as a vector or a table: only the fault for the type that
+    was written counts. A list whose entries are all at fault does not also count as too short.
     """
-    told = []
+    primary = []
     for fault in faults:
         place: tuple[str | int, ...] = ()
         value: Any = data
@@ -230,17 +236,17 @@ def _telling(faults: list[Any], data: dict[str, Any]) -> list[Any]:
         inner = any(o["loc"][:depth] == fault["loc"] and len(o["loc"]) > depth for o in faults)
         if mistaken or (fault["type"] == "too_short" and inner):
             continue
-        told.append({**fault, "loc": place})
-    return told
+        primary.append({**fault, "loc": place})
+    return primary
 
 
 def _is_choice(part: str | int) -> bool:
-    """Whether a part of a location names an alternative of a type, not a key."""
+    """Whether a part of a location names an alternative type rather than a key."""
     return isinstance(part, str) and ("[" in part or part.endswith("Spec"))
 
 
 def _describe(fault: Any, model: type[BaseModel]) -> str:
-    """One line for one pydantic fault: key, value, expectation."""
+    """One line for a pydantic fault: key, value, expectation."""
     key = _dotted(fault["loc"])
     if fault["type"] == "extra_forbidden":
         known = _known_keys(model, fault["loc"])
@@ -259,15 +265,15 @@ def _describe(fault: Any, model: type[BaseModel]) -> str:
 
 
 def _decimal_comma(values: list[Any]) -> str:
-    """A hint at two whole numbers in a row, which may be one with a comma for a point."""
+    """A hint if two whole numbers in a row may be one number with a decimal comma."""
     for one, two in pairwise(values):
         if type(one) is type(two) is int and abs(one) < 1000 and 0 <= two < 1000:
-            return f"; is [{one}, {two}, ...] one number? Decimals have a point, {one}.{two}"
+            return f"; is [{one}, {two}, ...] one number? Use a decimal point, {one}.{two}"
     return ""
 
 
 def _dotted(location: tuple[str | int, ...]) -> str:
-    """`("phases", 0, "loads")` as `phases[1].loads`, entries counted from one as a reader does."""
+    """`("phases", 0, "loads")` as `phases[1].loads`; entries are counted from one."""
     text = ""
     for part in location:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{_clean(part)}"
@@ -275,12 +281,12 @@ def _dotted(location: tuple[str | int, ...]) -> str:
 
 
 def _clean(word: str) -> str:
-    """A word of the file as it can be shown: of one line, no longer than a reader wants."""
-    return word if word.isprintable() and len(word) <= 4 * LONGEST_WORD else _short(word)
+    """A word of the file made safe to show: short and on one line."""
+    return word if word.isprintable() and len(word) <= 4 * MAX_WORD else _short(word)
 
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
-    """Keys allowed in the section in which an unknown key stands."""
+    """Keys allowed in the section of an unknown key."""
     fields = model.model_fields
     for part in location[:-1]:
         if isinstance(part, int) or part not in fields:
@@ -299,13 +305,13 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _suggestion(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word[:LONGEST_WORD], known, n=1)
+    close = difflib.get_close_matches(word[:MAX_WORD], known, n=1)
     return f" Did you mean {close[0]}?" if close else ""
 
 
 def _short(value: object) -> str:
     if isinstance(value, int) and value.bit_length() > 200:
-        return "a number of more than 60 digits"  # Python may refuse to write it
-    value = value[: LONGEST_WORD + 1] if isinstance(value, str | list | tuple) else value
+        return "a number of more than 60 digits"  # Python may refuse to convert it
+    value = value[: MAX_WORD + 1] if isinstance(value, str | list | tuple) else value
     text = repr(value)
-    return text if len(text) <= LONGEST_WORD else text[: LONGEST_WORD - 3] + "..."
+    return text if len(text) <= MAX_WORD else text[: MAX_WORD - 3] + "..."

@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 def rounded(value: float, digits: int = 2) -> str:
-    """A number to some digits, up to a million without a power of ten: 180, not 1.8e+02."""
+    """A number to some digits, without exponent below a million: 180, not 1.8e+02."""
     short = f"{value:.{digits}g}"
     return f"{float(short):g}" if abs(value) < 1e6 else short
+
+
+def step_list(steps: Sequence[int]) -> str:
+    """Step numbers in words: [1, 2, 3, 7] gives "steps 1 to 3, 7"."""
+    runs: list[list[int]] = []
+    for step in steps:
+        if runs and step == runs[-1][-1] + 1:
+            runs[-1].append(step)
+        else:
+            runs.append([step])
+    words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
+    return f"step{'s' * (len(steps) > 1)} {', '.join(words)}"

@@ -1,1 +1,1 @@
-"""Questions about motions and plans."""
+"""Analysis of motions and plans."""

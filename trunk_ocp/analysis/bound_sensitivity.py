@@ -1,9 +1,9 @@
-"""What relaxing a bound by 1 % would do to a plan: first-order sensitivity of its optimum.
+"""First-order sensitivity of a plan to its bounds: the effect of relaxing one by 1 %.
 
 At an optimum the active bounds and the multipliers determine how all unknowns follow a small
-change of one bound: the linear system of the Karush-Kuhn-Tucker conditions with the active set
-kept (Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, 1983,
-chapter 3). The answer is told in millimeters at the targets rather than as a multiplier.
+change of one bound: the linear system of the Karush-Kuhn-Tucker conditions with a fixed active
+set (Fiacco, Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, 1983,
+chapter 3). The result is reported in millimeters at the targets rather than as a multiplier.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from .._support.wording import rounded, step_list
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
 from ..nlp.outcome import Outcome
@@ -22,35 +23,35 @@ from ..nlp.window import Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, allowed
 
-PART = 0.01  # by which a bound is moved: 1 %; one of 0 by 0.01, or 0.01 rad
+RELAXATION = 0.01  # fraction by which a bound is moved; a bound of 0 moves by 0.01, or 0.01 rad
 SHARP = WARM_OPTIONS | {"tol": 1e-9, "compl_inf_tol": 1e-13}
-"""Ends with a barrier so low that multipliers tell which bounds bind."""
+"""Ends with a barrier low enough for the multipliers to show which bounds are active."""
 TINY = np.finfo(float).tiny
-SAME = 1e-3
-"""Largest difference, relative, of the objectives of a plan and its re-solve."""
-REGULAR = 1e-10
-"""Share of a bound that is left out where several say the same."""
+OBJECTIVE_RTOL = 1e-3
+"""Largest relative difference between the objectives of a plan and its re-solve."""
+SMALLEST_EFFECT = 1e-6 / 1.75  # of a bound, in trunk lengths; smaller effects are left out
+MAX_EFFECTS = 6  # sentences
+REGULARIZATION = 1e-10
+"""Softens the active rows, so that duplicate bounds do not make the system singular."""
 
 
 @dataclass(frozen=True)
 class Response:
-    """What moving one bound outwards by 1 % of its value (or from 0 by 0.01) would do.
-
-    To first order.
+    """First-order effect of moving one bound outwards by 1 % of its value (or from 0 by 0.01).
 
     Attributes
     ----------
     name : str
         Such as "contraction of R3-vr" or "extension of segment 1".
     steps : tuple of int
-        Time steps, from 1, at which it binds; it is moved at these.
+        Time steps, from 1, at which it is active; it is moved at these.
     value, moved : float
         The bound (the widest, if phases differ) and by how much it is moved; degrees for angles.
     worst, mean : float
-        Change in m of the worst and of the mean distance to a target over these steps' windows;
-        negative brings the trunk closer.
+        Change in m of the worst and of the mean distance to a target over the windows of these
+        steps; negative brings the trunk closer.
     objective : float
-        Change of the planner's objective, as a fraction of it; never positive but for round-off.
+        Relative change of the planner's objective; never positive, except for round-off.
     """
 
     name: str
@@ -63,50 +64,50 @@ class Response:
 
 
 def responses(plan: Plan) -> tuple[Response, ...]:
-    """Response of a converged plan to each bound that it pushes against, the strongest first.
+    """Response of a converged plan to each of its active bounds, the strongest first.
 
-    A horizon answers as a whole; of a sequential plan each step answers for itself, the earlier
-    ones held. Empty for a receding horizon, whose windows reach beyond the steps it keeps, and if
-    the plan is not an optimum to begin with, or one among many: with weights of 0 on effort and
-    rate nothing says how the muscles would share a change.
+    A horizon responds as a whole; in a sequential plan each step responds alone, with the earlier
+    steps fixed. Empty for a receding horizon, whose windows extend beyond the steps they keep, and
+    if the plan is not a unique optimum: with weights of 0 on effort and rate, nothing determines
+    how the muscles share a change.
     """
     if not plan.converged or plan.mode == "receding" or len(plan.x) < len(plan.motion.steps):
         return ()
     optimizer = Optimizer(ipopt=SHARP)
-    found: list[Response] = []
+    effects_of_bounds: list[Response] = []
     for window, first, last in _windows(plan):
         start = window.pack(plan.x[first:last], plan.part(first, last))
         outcome = optimizer.solve(window, start, "sensitivity", "multipliers")
-        given = optimizer.evaluate(window, start).objective
-        same = abs(outcome.objective - given) <= SAME * abs(given)
-        if outcome.converged and same:
-            found += _responses(window, outcome, optimizer)
-    return tuple(sorted(found, key=lambda response: response.objective))
+        planned = optimizer.evaluate(window, start).objective
+        same_optimum = abs(outcome.objective - planned) <= OBJECTIVE_RTOL * abs(planned)
+        if outcome.converged and same_optimum:
+            effects_of_bounds += _responses(window, outcome, optimizer)
+    return tuple(sorted(effects_of_bounds, key=lambda response: response.objective))
 
 
 def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
-    """The NLPs whose optimum a plan is, with their first and last steps."""
+    """The NLPs that a plan solves, with their first and last steps."""
     motion, count = plan.motion, len(plan.x)
-    nothing = np.zeros(plan.x.shape[1])
+    rest = np.zeros(plan.x.shape[1])
     if plan.mode == "horizon":
-        yield Window(motion, plan.mesh, motion.steps, nothing, {}, 0, plan.weights), 0, count
+        yield Window(motion, plan.mesh, motion.steps, rest, {}, 0, plan.weights), 0, count
         return
-    anything = Bounds(nothing - np.inf, nothing + np.inf)
+    unbounded = Bounds(rest - np.inf, rest + np.inf)
     held = {d: plan.shape.directors(np.array([d.Z]))[d.step, 0, d.director] for d in motion.held}
     for t, step in enumerate(motion.steps):
         if t in plan.auxiliary and step.follows:
-            step = replace(step, box=allowed(motion, step, plan.auxiliary[t]), change=anything)
-        before = plan.x[t - 1] if t else nothing
+            step = replace(step, box=allowed(motion, step, plan.auxiliary[t]), change=unbounded)
+        previous = plan.x[t - 1] if t else rest
         known = {d: value for d, value in held.items() if d.step < t}
-        yield Window(motion, plan.mesh, [step], before, known, t, plan.weights), t, t + 1
+        yield Window(motion, plan.mesh, [step], previous, known, t, plan.weights), t, t + 1
 
 
 @dataclass
 class _Move:
-    """A bound to be moved outwards where it binds.
+    """A bound to be moved outwards where it is active.
 
-    `places` are unknowns, or constraints if `in_rows`, `shifts` what is added to their bounds in
-    the NLP's units, `scale` leads from these to the unit of `value`.
+    `places` are unknowns, or constraints if `in_rows`; `shifts` are added to their bounds, in the
+    NLP's units; `scale` converts these to the unit of `value`.
     """
 
     name: str
@@ -122,9 +123,9 @@ def _responses(window: Window, outcome: Outcome, optimizer: Optimizer) -> list[R
     """Responses of one window at its optimum."""
     point = optimizer.derivatives(window, outcome)
     x, bounds = outcome.full, window.bounds
-    fixed = bounds["lbx"] == bounds["ubx"]  # of these Ipopt has no multiplier
+    fixed = bounds["lbx"] == bounds["ubx"]  # Ipopt has no multipliers for these
     pull = -(point.gradient + point.jacobian.T @ point.lam_g)
-    # Multipliers as shares of the objective, since effort alone may make them very small.
+    # Multipliers relative to the objective, since effort alone may make them very small.
     lam_x = np.where(fixed, pull, point.lam_x) / max(outcome.objective, TINY)
     lam_g = point.lam_g / max(outcome.objective, TINY)
     at_x = _active(x, bounds["lbx"], bounds["ubx"], lam_x)
@@ -137,9 +138,9 @@ def _responses(window: Window, outcome: Outcome, optimizer: Optimizer) -> list[R
         (dg if move.in_rows else dx)[move.places, k] = move.shifts
     fixed, free, rows = np.flatnonzero(at_x), np.flatnonzero(at_x == 0), np.flatnonzero(at_g)
     H, J = point.hessian[free], point.jacobian[rows]
-    # Bounds that say the same twice would make the system singular.
-    spare = -REGULAR * sp.identity(rows.size)
-    system = sp.bmat([[H[:, free], J[:, free].T], [J[:, free], spare]], format="csc")
+    # Duplicate bounds would make the system singular.
+    softening = -REGULARIZATION * sp.identity(rows.size)
+    system = sp.bmat([[H[:, free], J[:, free].T], [J[:, free], softening]], format="csc")
     right = np.vstack([-H[:, fixed] @ dx[fixed], dg[rows] - J[:, fixed] @ dx[fixed]])
     try:
         dx[free] = splu(system).solve(right)[: free.size]
@@ -165,10 +166,10 @@ def _responses(window: Window, outcome: Outcome, optimizer: Optimizer) -> list[R
 
 
 def _active(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, lam: np.ndarray) -> np.ndarray:
-    """-1 where the lower bound binds, +1 the upper, 0 where none; equations bind.
+    """-1 where the lower bound is active, +1 the upper, 0 neither; equations are active.
 
-    At an interior point's optimum the multiplier of a bound that binds is larger than the
-    distance to it, and the smaller of the two otherwise; both without a unit, by the range.
+    An interior-point optimum has multiplier > distance at an active bound and the reverse at an
+    inactive one, both made dimensionless by the range.
     """
     side, room = np.where(lam > 0, 1, -1), upper - lower
     room = np.where(np.isfinite(room), room, 1.0)
@@ -177,20 +178,20 @@ def _active(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, lam: np.ndarray
 
 
 def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
-    """Every bound of the problem that binds somewhere in a window."""
+    """Every bound of the problem that is active somewhere in a window."""
     motion = window.motion
     names = motion.trunk.muscles
     count, degree = len(names), float(np.degrees(1.0))
-    found: dict[tuple[str, int], _Move] = {}
+    moves: dict[tuple[str, int], _Move] = {}
 
     def add(
         name: str, side: int, step: int, place: int, bound: float, scale: float, in_rows: bool
     ) -> None:
-        move = found.setdefault((name, side), _Move(name, scale * bound, scale, in_rows))
+        move = moves.setdefault((name, side), _Move(name, scale * bound, scale, in_rows))
         move.value = side * max(side * move.value, side * scale * bound)
         move.steps.append(step + 1)
         move.places.append(place)
-        move.shifts.append(side * PART * (abs(bound) or 1.0))
+        move.shifts.append(side * RELAXATION * (abs(bound) or 1.0))
 
     for step, u in enumerate(window.unknowns, window.offset):
         boxes = (window.steps[step - window.offset].box, motion.steps[step].box, motion.box)
@@ -203,11 +204,11 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
                 and motion.trunk.head.pivot_radius == 0
                 and motion.box.lower[i] == motion.box.upper[i]
             ):
-                continue  # a base that is clamped has no head to move it
+                continue  # a clamped base has no head to move it
             if i >= count:
                 name, scale = f"head psi_{'ZY'[i - count]}{near}", degree
             elif side > 0 and bound == 0:
-                continue  # a muscle cannot push; that bound is no choice
+                continue  # muscles cannot push, so this bound is not a choice
             else:
                 word = "contraction" if bound <= 0 else "stretch"
                 name, scale = f"{word} of {names[i]}{near}", 1.0
@@ -228,4 +229,26 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
                 bound = float((change.lower if side < 0 else change.upper)[i])
                 scale = 1.0 if i < count else degree
                 add(f"change of {name}", side, block.step, row, bound, scale, True)
-    return [*found.values()]
+    return [*moves.values()]
+
+
+def effects(responses: tuple[Response, ...], length: float, most: int = MAX_EFFECTS) -> list[str]:
+    """Effect of relaxing the strongest bounds a little, one sentence for each bound.
+
+    Effects that are negligible beside the trunk's length, in m, are left out.
+    """
+    sentences: dict[str, str] = {}
+    for response in responses:
+        if response.name in sentences or abs(response.worst) < SMALLEST_EFFECT * length:
+            continue
+        unit = " deg" if "psi" in response.name else ""
+        sentences[response.name] = (
+            f"{response.name} ({step_list(response.steps)}), {response.value + 0.0:.4g}{unit} "
+            f"moved by {response.moved:+.2g}: the worst point comes {_way(response.worst)}, "
+            f"the mean distance {_way(response.mean)}"
+        )
+    return [*sentences.values()][:most]
+
+
+def _way(change: float) -> str:
+    return f"{rounded(1e3 * abs(change))} mm {'closer' if change < 0 else 'farther'}"

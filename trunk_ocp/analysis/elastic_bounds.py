@@ -1,10 +1,10 @@
-"""Elastic bounds: which of a motion's bounds stand in the way, and how far they would have to give.
+"""Elastic bounds: which bounds of a motion are in the way, and by how much they must be relaxed.
 
 Every bound that a problem file states - on the activation of a muscle, a head angle, the
-extension of a segment, the change between time steps - may be exceeded at a price. Where the
-bounds contradict each other, the cheapest excess that reconciles them is a linear program; where
-they keep the trunk from its targets, it is the window of all time steps once more, with targets
-as constraints. A price per unit (an l1 penalty) leaves all bounds alone that need not give.
+extension of a segment, the change between time steps - may be exceeded at a price. If the bounds
+contradict each other, the cheapest excess that reconciles them solves a linear program. If they
+keep the trunk from its targets, it solves the NLP of all time steps with targets as constraints.
+The price is linear (an l1 penalty), so bounds that need not be relaxed stay exact.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
+from .._support.wording import step_list
 from ..model.activation import strain_matrix
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import DEFAULT_OPTIONS
+from ..nlp.outcome import Outcome
 from ..nlp.point_functions import weighted
 from ..nlp.quantities import scalar
 from ..nlp.window import Weights, Window
@@ -28,33 +30,32 @@ from ..problem.motion import Bounds, Motion
 from ..reporting import Reporter
 from ..rod.collocation import Mesh
 
-PRICE = 100.0  # of an excess of its bounds' whole range; effort and rate cost far less than 1
-ROOM = 1.00001  # times the least excess is what is advised: bounds that just meet leave none
-SMALLEST = 1e-3  # share of the range, below which an excess is the optimizer's inaccuracy
-EXACT = 1e-6  # the same for the linear program
-ITERATIONS = 200
-OPTIONS = DEFAULT_OPTIONS | {"mu_init": 1e-2}
-LOOSE_EXTENSION = (0.05, 20.0)  # what no bound excludes; a segment must not vanish
+PRICE = 100.0  # of an excess as large as the range; effort and rate cost far less than 1
+MARGIN = 1.00001  # advised excess over the least one, which would leave no feasible interior
+NLP_TOL = 1e-3  # fraction of the range; smaller excesses are inaccuracies of the optimizer
+LP_TOL = 1e-6  # the same for the linear program
+MAX_ITERATIONS = 200
+LOOSE_EXTENSION = (0.05, 20.0)  # practically unbounded, but a segment must not vanish
 
-# No advice goes beyond what a body can do, unless the file itself does.
-STRONGEST = 3.5  # |activation|, the largest of the paper
-LONGEST = (0.5, 1.6)  # of a segment; muscular hydrostats from elephants to octopuses
-FARTHEST = math.radians(60.0)  # of a head
+# Advice stays within what a body can do, unless the file itself goes beyond.
+MAX_ACTIVATION = 3.5  # |activation|, the largest in the paper
+EXTENSION_RANGE = (0.5, 1.6)  # of a segment; muscular hydrostats from elephants to octopuses
+MAX_HEAD_ANGLE = math.radians(60.0)
 PHYSICAL = (
-    f"activations to {-STRONGEST:g}, segments {LONGEST[0]:g} to {LONGEST[1]:g} times as long, a "
-    f"head turned by {math.degrees(FARTHEST):g} deg"
+    f"activations to {-MAX_ACTIVATION:g}, segments {EXTENSION_RANGE[0]:g} to "
+    f"{EXTENSION_RANGE[1]:g} times as long, a head turned by {math.degrees(MAX_HEAD_ANGLE):g} deg"
 )
-"""These limits in words."""
+"""The same limits in words."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A bound that may give: its name, the value it states, its unit and its price's scale.
+    """A bound that may be relaxed: its name, value, unit, and the scale of its price.
 
-    `sign` is -1 for a lower bound and +1 for an upper one, `steps` (from 1) are those at which it
-    has this value: it gives by the same amount at all of them. `most` is the largest excess that
-    makes sense, in the unknown's own unit: no muscle can push, no head turns right round.
-    `muscle` is the one whose change between steps it limits, if it does.
+    `sign` is -1 for a lower bound and +1 for an upper one. `steps` (from 1) are those at which it
+    has this value; it is relaxed by the same amount at all of them. `most` is the largest plausible
+    excess, in the unit of the unknown: muscles cannot push, heads cannot turn around. `muscle` is
+    the one whose change between steps it limits, if it does.
     """
 
     name: str
@@ -69,7 +70,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Excess:
-    """How far one bound has to give, in its own unit (degrees for angles)."""
+    """By how much one bound must be relaxed, in its own unit (degrees for angles)."""
 
     bound: Bound
     amount: float
@@ -77,63 +78,51 @@ class Excess:
     def __str__(self) -> str:
         bound = self.bound
         unit = f" {bound.unit}" if bound.unit else ""
-        to = outwards(bound.value + bound.sign * ROOM * self.amount, bound.sign)
-        return f"{bound.name} ({said(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
+        to = outwards(bound.value + bound.sign * MARGIN * self.amount, bound.sign)
+        return f"{bound.name} ({step_list(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
 
 
 def in_words(excesses: Sequence[Excess], motion: Motion) -> tuple[str, ...]:
-    """A sentence for each bound, but for all muscles whose change is limited by one key.
+    """A sentence for each bound, or one for all muscles whose change one key limits.
 
-    A file has one `change.activation` for all muscles, either way; the largest excess counts.
+    A file has one `change.activation` for all muscles and both signs; the largest excess counts.
     """
-    told: dict[object, Excess] = {}
+    largest: dict[object, Excess] = {}
     for excess in excesses:
         bound = excess.bound
         key = (bound.steps, abs(bound.value)) if bound.muscle else bound.name, bound.steps
-        told[key] = max(told.get(key, excess), excess, key=lambda one: one.amount)
+        largest[key] = max(largest.get(key, excess), excess, key=lambda one: one.amount)
     return tuple(
         _of_change(excess, motion) if excess.bound.muscle else str(excess)
-        for excess in told.values()
+        for excess in largest.values()
     )
 
 
 def _of_change(excess: Excess, motion: Motion) -> str:
-    """The excess of a bound on an activation's change, by the key that the file has for it."""
+    """The excess of a bound on the change of an activation, named by its key in the file."""
     bound = excess.bound
     phases = sorted({motion.steps[step - 1].phase + 1 for step in bound.steps})
     where = ", ".join(f"phases[{phase}]" for phase in phases)
-    to = outwards(abs(bound.value) + ROOM * excess.amount, 1)
+    to = outwards(abs(bound.value) + MARGIN * excess.amount, 1)
     return (
-        f"change.activation of {where} ({said(bound.steps)}): from {abs(bound.value):.4g} to "
+        f"change.activation of {where} ({step_list(bound.steps)}): from {abs(bound.value):.4g} to "
         f"{to:.4g}, for {bound.muscle}"
     )
 
 
 def outwards(value: float, sign: int) -> float:
-    """A number of four digits, rounded down or up by the sign, for a bound to be set to."""
+    """A value for a bound, rounded to four digits: down if the sign is negative, else up."""
     if value == 0:
         return 0.0
     step = 10.0 ** (math.floor(math.log10(abs(value))) - 3)
     return (math.floor if sign < 0 else math.ceil)(value / step) * step
 
 
-def said(steps: Sequence[int]) -> str:
-    """Step numbers in words: 1, 2, 3, 7 as "steps 1 to 3, 7"."""
-    runs: list[list[int]] = []
-    for step in steps:
-        if runs and step == runs[-1][-1] + 1:
-            runs[-1].append(step)
-        else:
-            runs.append([step])
-    words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs]
-    return f"step{'s' * (len(steps) > 1)} {', '.join(words)}"
-
-
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """All bounds of a motion as rows: lower <= C (x, s) <= upper, s >= 0 one for each bound.
+    """All bounds of a motion as rows lower <= C (x, s) <= upper, with one s >= 0 for each bound.
 
-    x are the activations and head angles of all steps, one after the other.
+    x holds the activations and head angles of all steps, step by step.
     """
 
     matrix: sp.coo_matrix
@@ -143,8 +132,8 @@ class Elastic:
 
 
 def contradictions(motion: Motion) -> tuple[Excess, ...]:
-    """The bounds that would have to give for any activation to keep them all; none as a rule."""
-    elastic = elastic_bounds(motion)
+    """The bounds that must be relaxed for any activation to satisfy them all; usually none."""
+    elastic = elastic_rows(motion)
     count = elastic.matrix.shape[1] - len(elastic.bounds)
     price = np.concatenate([np.zeros(count), [1 / bound.scale for bound in elastic.bounds]])
     C = sp.csr_matrix(elastic.matrix)
@@ -154,77 +143,80 @@ def contradictions(motion: Motion) -> tuple[Excess, ...]:
     )
     free = [(None, None)] * count + [(0, bound.most) for bound in elastic.bounds]
     result = linprog(price, A_ub=rows, b_ub=limit, bounds=free, method="highs")
-    return _told(elastic, result.x[count:], EXACT)
+    return _excesses(elastic, result.x[count:], LP_TOL)
 
 
 def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | None:
-    """The bounds that would have to give for a plan's motion to reach all targets.
+    """The bounds that must be relaxed for a plan's motion to reach all targets.
 
-    All targets within the motion's tolerance, at the least price found from the plan; a local
-    optimum, like every plan. None if no such motion was found within what is `PHYSICAL`.
+    All targets within the motion's tolerance, at the lowest price found from the plan: a local
+    optimum. None if no such motion was found within the limits `PHYSICAL`.
     """
     window = ElasticWindow(plan.motion, plan.mesh)
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
-    start = window.pack(plan.x, plan.shape)
-    outcome = optimizer.solve(window, start, "relaxation", "what would have to give")
+    outcome = _solved(window, plan, "bounds to relax", reporter)
     if not outcome.converged:
         return None
-    return _told(window.elastic, outcome.full[window.excess], SMALLEST)
+    return _excesses(window.elastic, outcome.full[window.excess], NLP_TOL)
 
 
 def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
-    """Worst distance in m to a target with every bound loosened as far as is `PHYSICAL`.
+    """Worst distance in m to a target with every bound relaxed to the limits `PHYSICAL`.
 
-    None if the solve does not converge; a local optimum, found from the plan.
+    A local optimum, found from the plan; None if the solve does not converge.
     """
     motion = plan.motion
     n = len(motion.trunk.muscles) + 2
-    loose = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
+    unbounded = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
     lower, upper = (np.array(side) for side in zip(*_physical(motion), strict=True))
-    low, high = LONGEST
+    low, high = EXTENSION_RANGE
     widest = (min(motion.extension[0], low), max(motion.extension[1], high))
-    steps = [replace(step, box=_loosened(step.box, lower, upper), change=loose)
+    steps = [replace(step, box=_widened(step.box, lower, upper), change=unbounded)
              for step in motion.steps]  # fmt: skip
     window = Window(
         replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
         plan.weights,
     )  # fmt: skip
-    optimizer = Optimizer("mumps", ITERATIONS, reporter or Reporter(), OPTIONS)
-    start = window.pack(plan.x, plan.shape)
-    outcome = optimizer.solve(window, start, "relaxation", "how near the targets are")
+    outcome = _solved(window, plan, "distance to the targets", reporter)
     return window.worst_error(outcome.full) if outcome.converged else None
 
 
-def _loosened(box: Bounds, lower: np.ndarray, upper: np.ndarray) -> Bounds:
-    """A box of unknowns widened to physical limits; an upper bound of 0 stays: no muscle pushes."""
+def _solved(window: Window, plan: Plan, detail: str, reporter: Reporter | None) -> Outcome:
+    """Outcome of a window that starts from a plan."""
+    choices = DEFAULT_OPTIONS | {"mu_init": 1e-2}
+    optimizer = Optimizer("mumps", MAX_ITERATIONS, reporter or Reporter(), choices)
+    return optimizer.solve(window, window.pack(plan.x, plan.shape), "relaxation", detail)
+
+
+def _widened(box: Bounds, lower: np.ndarray, upper: np.ndarray) -> Bounds:
+    """Bounds widened to physical limits; an upper bound of 0 stays, since muscles cannot push."""
     return Bounds(np.minimum(box.lower, lower), np.maximum(box.upper, upper))
 
 
 def _physical(motion: Motion) -> list[tuple[float, float]]:
-    """Least and largest value that makes sense of each unknown.
+    """Smallest and largest plausible value of each unknown.
 
-    Activations contract. A base without a head to move it stays where the file clamps it.
+    Muscles only contract. A base without a head stays where the file clamps it.
     """
-    limits = [(-STRONGEST, 0.0)] * len(motion.trunk.muscles)
+    limits = [(-MAX_ACTIVATION, 0.0)] * len(motion.trunk.muscles)
     for box in zip(motion.box.lower[-2:].tolist(), motion.box.upper[-2:].tolist(), strict=True):
         clamped = motion.trunk.head.pivot_radius == 0 and box[0] == box[1]
-        limits.append(box if clamped else (-FARTHEST, FARTHEST))
+        limits.append(box if clamped else (-MAX_HEAD_ANGLE, MAX_HEAD_ANGLE))
     return limits
 
 
-def _told(elastic: Elastic, amounts: np.ndarray, smallest: float) -> tuple[Excess, ...]:
-    """Excesses of more than a share of their bound's range, the largest share first."""
+def _excesses(elastic: Elastic, amounts: np.ndarray, smallest: float) -> tuple[Excess, ...]:
+    """Excesses above a fraction of their bound's range, the largest fraction first."""
     pairs = zip(elastic.bounds, amounts.tolist(), strict=True)
-    some = [
+    excesses = [
         Excess(b, float(np.degrees(amount)) if b.unit == "deg" else amount)
         for b, amount in pairs
         if amount > smallest * b.scale
     ]
-    return tuple(sorted(some, key=lambda excess: -excess.amount / excess.bound.scale))
+    return tuple(sorted(excesses, key=lambda excess: -excess.amount / excess.bound.scale))
 
 
-def elastic_bounds(motion: Motion) -> Elastic:
-    """Every bound of a motion as a row that may give."""
+def elastic_rows(motion: Motion) -> Elastic:
+    """Every bound of a motion as a row that may be relaxed."""
     trunk, n, H = motion.trunk, len(motion.trunk.muscles) + 2, len(motion.steps)
     names = (*(f"activation of {m}" for m in trunk.muscles), "head psi_Z", "head psi_Y")
     units = ("",) * (n - 2) + ("deg", "deg")
@@ -242,11 +234,11 @@ def elastic_bounds(motion: Motion) -> Elastic:
     low, high = motion.extension
     for segment in range(trunk.segments):
         zeta = sp.hstack([A[segment], sp.csr_matrix((1, 2))])
-        every = sp.kron(sp.identity(H), zeta, format="csr")
+        extension_rows = sp.kron(sp.identity(H), zeta, format="csr")
         ends = (np.full(H, low - 1), np.full(H, high - 1))
-        limits = (LONGEST[0] - 1, LONGEST[1] - 1)
+        limits = (EXTENSION_RANGE[0] - 1, EXTENSION_RANGE[1] - 1)
         name = f"extension of segment {segment + 1}"
-        rows.add(every, name, "", 0.3, *ends, offset=1.0, within=limits)
+        rows.add(extension_rows, name, "", 0.3, *ends, offset=1.0, within=limits)
     difference = sp.csr_matrix(eye - sp.eye(H * n, k=-n))
     least = np.array([step.change.lower for step in motion.steps])
     most = np.array([step.change.upper for step in motion.steps])
@@ -258,7 +250,7 @@ def elastic_bounds(motion: Motion) -> Elastic:
 
 
 class _Rows:
-    """Collects rows of linear bounds, each with an excess of its own at either end."""
+    """Collects rows of linear bounds, with a separate excess for each end and value."""
 
     def __init__(self, unknowns: int) -> None:
         self.unknowns = unknowns
@@ -277,19 +269,19 @@ class _Rows:
         within: tuple[float, float] = (-np.inf, np.inf),
         muscle: str = "",
     ) -> None:
-        """Add lower <= matrix x <= upper; `offset` is what is added to a value that is told.
+        """Add lower <= matrix x <= upper; `offset` is added to reported values.
 
-        No bound gives beyond `within`, those that are beyond it already not at all.
+        No bound is relaxed beyond `within`; those already beyond it are not relaxed at all.
         """
-        per = float(np.degrees(1.0)) if unit == "deg" else 1.0
+        per_unit = float(np.degrees(1.0)) if unit == "deg" else 1.0
         sides = ((-1, lower, "least", within[0]), (1, upper, "largest", within[1]))
         for sign, values, word, limit in sides:
             for value in np.unique(values[np.isfinite(values)]).tolist():
                 same = np.flatnonzero(values == value)
                 steps = tuple((same + 1).tolist())
                 most = max(0.0, sign * (limit - value))
-                told = per * value + offset
-                bound = Bound(f"{word} {name}", told, sign, unit, scale, steps, most, muscle)
+                reported = per_unit * value + offset
+                bound = Bound(f"{word} {name}", reported, sign, unit, scale, steps, most, muscle)
                 self.parts.append((matrix[same], sign, values[same]))
                 self.bounds.append(bound)
 
@@ -297,12 +289,12 @@ class _Rows:
         """All rows together."""
         matrices, signs, values = zip(*self.parts, strict=True)
         counts = [matrix.shape[0] for matrix in matrices]
-        gives = sp.block_diag(
+        slacks = sp.block_diag(
             [np.full((n, 1), -sign) for n, sign in zip(counts, signs, strict=True)]
         )
         low, value = np.repeat(signs, counts) < 0, np.concatenate(values)
         return Elastic(
-            sp.coo_matrix(sp.hstack([sp.vstack(matrices), gives])),
+            sp.coo_matrix(sp.hstack([sp.vstack(matrices), slacks])),
             np.where(low, value, -np.inf),
             np.where(low, np.inf, value),
             tuple(self.bounds),
@@ -310,24 +302,24 @@ class _Rows:
 
 
 class ElasticWindow(Window):
-    """All time steps of a motion, with targets as constraints and bounds that may give.
+    """All time steps of a motion, with targets as constraints and bounds that may be relaxed.
 
-    Tracking costs nothing: a target that is met within its tolerance buys no more excess.
+    Tracking has no cost, so that targets met within tolerance cause no further excess.
 
     Attributes
     ----------
     elastic : Elastic
     excess : (bounds,)
-        Indices of the excesses among the unknowns.
+        Indices of the excesses in the decision vector.
     """
 
     def __init__(self, motion: Motion, mesh: Mesh) -> None:
         n = len(motion.trunk.muscles) + 2
-        loose = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
-        steps = [replace(step, box=loose, change=loose) for step in motion.steps]
-        without = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
-        super().__init__(without, mesh, steps, np.zeros(n), {}, 0, Weights())
-        self.elastic = elastic_bounds(motion)
+        unbounded = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
+        steps = [replace(step, box=unbounded, change=unbounded) for step in motion.steps]
+        unbounded_motion = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
+        super().__init__(unbounded_motion, mesh, steps, np.zeros(n), {}, 0, Weights())
+        self.elastic = elastic_rows(motion)
         add = self._builder
         most = np.array([bound.most for bound in self.elastic.bounds])
         self.excess = add.variables(most.size, lower=0.0, upper=most)

@@ -1,8 +1,8 @@
-"""What a plan does though its task does not ask for it: a side taken, a head that turns for free.
+"""Free choices of a plan: a side taken by chance, a head that turns at almost no benefit.
 
-Where a motion is its own mirror image, so is each plan's image a plan of the same cost, and which
-of the two is found is chance. And where the cost hardly changes along a head angle, it ends
-wherever the bounds happen to be. Both look like findings about the trunk unless someone says so.
+If a motion is its own mirror image, the mirror image of each plan has the same cost, and chance
+decides which of the two is found. If the cost hardly depends on a head angle, the angle ends
+wherever its bounds happen to be. Both look like findings about the trunk unless they are reported.
 """
 
 from __future__ import annotations
@@ -20,57 +20,57 @@ from ..problem.mirror import is_symmetric, mirrored_unknowns
 from ..problem.variants import held_head_spec
 from ..reporting import Reporter
 
-LEANS = 0.05  # of an activation or an angle in rad, from which on a plan takes sides
-TURNS = np.radians(1.0)  # of a head that turns
-NEGLIGIBLE = 0.05  # of the tolerance; errors below it are not compared
-ITERATIONS = 300
+ONE_SIDED_TOL = 0.05  # asymmetry of activations, or of angles in rad, above which it is reported
+HEAD_TURN_TOL = np.radians(1.0)  # smaller head angles count as none
+NEGLIGIBLE_ERROR = 0.05  # of the tolerance; smaller errors are not compared
+MAX_ITERATIONS = 300
 TINY = np.finfo(float).tiny
 AXES = ("z", "y")  # psi_Z, psi_Y
 
 
 def one_sided(plan: Plan) -> str:
-    """A sentence on a plan that takes sides where its motion does not; "" if there is none."""
+    """A sentence if a plan is one-sided although its motion is symmetric, else ""."""
     if not len(plan.x) or not is_symmetric(plan.motion):
         return ""
     image = mirrored_unknowns(plan.motion.trunk, plan.x)
     muscles = float(np.abs(image - plan.x)[:, :-2].max(initial=0.0))
     turned = plan.head[np.argmax(np.abs(plan.head[:, 0])), 0]
-    if max(muscles, abs(turned)) <= LEANS:
+    if max(muscles, abs(turned)) <= ONE_SIDED_TOL:
         return ""
-    told = (
+    sentence = (
         f"activations of right and left differ by up to {muscles:.2g}, and could be exchanged at "
         "the same cost"
     )
-    if abs(turned) > TURNS:
+    if abs(turned) > HEAD_TURN_TOL:
         degrees = np.degrees(turned)
-        told = (
-            f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would do as well; {told}; "
+        sentence = (
+            f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would be as good; {sentence}; "
             "head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
         )
-    return told
+    return sentence
 
 
 def held_heads(plan: Plan, angles: set[int], reporter: Reporter | None = None) -> Iterator[str]:
-    """What holding head angles (0: psi_Z, 1: psi_Y) at 0 would cost, a sentence each.
+    """Cost of holding head angles (0: psi_Z, 1: psi_Y) at 0, one sentence each.
 
-    Each is a plan of its own, started from this one. Nothing is said where an angle may not be 0,
-    hardly moves, or where no plan is found with it held.
+    Each takes a new plan, started from this one. An angle is skipped if it may not be 0, hardly
+    moves, or if no plan is found with it held.
     """
     for angle in sorted(angles):
-        if np.abs(plan.head[:, angle]).max(initial=0.0) <= TURNS:
+        if np.abs(plan.head[:, angle]).max(initial=0.0) <= HEAD_TURN_TOL:
             continue
         try:
             motion = plan.motion.with_spec(held_head_spec(plan.motion.spec, angle))
         except InputError:
             continue
-        options = Options(weights=plan.weights, max_iterations=ITERATIONS)
+        options = Options(weights=plan.weights, max_iterations=MAX_ITERATIONS)
         again = plan_from(motion, plan.x, None, options, reporter)
         if again.converged and again.verified:
             yield _cost(plan, again, angle)
 
 
 def _cost(plan: Plan, again: Plan, angle: int) -> str:
-    """A plan with a head angle held, beside the plan."""
+    """A sentence that compares a plan with a head angle held to the plan itself."""
     name = f"psi_{AXES[angle].upper()}"
     more = 100 * (again.objective.total / max(plan.objective.total, TINY) - 1)
     worst, before = (
@@ -79,8 +79,8 @@ def _cost(plan: Plan, again: Plan, angle: int) -> str:
     )
     free = again.status is Status.SOLVED
     reached = "every target is still reached" if free else "a target is missed"
-    near = NEGLIGIBLE * 1e3 * plan.motion.tolerance[0]
-    if max(worst, before) > near and rounded(worst) != rounded(before):
+    negligible = NEGLIGIBLE_ERROR * 1e3 * plan.motion.tolerance[0]
+    if max(worst, before) > negligible and rounded(worst) != rounded(before):
         reached += f", the worst position is {rounded(worst)} mm off instead of "
         reached += rounded(before)
     option = f" (head_{AXES[angle]}_deg = [0.0, 0.0] in [bounds])" if free else ""

@@ -1,11 +1,11 @@
 """What foresight is worth: one motion planned with every lookahead, under equal bounds.
 
-The paper doubts its own result: activations reorganize abruptly in mid-motion, and that may only
-come from solving each time step blind to the next. Three things set its way of planning apart
-from a horizon, and each is undone on its own here: nothing but tracking counts (so the activations
-are whatever the solver ends at), steps stay near solutions without loads (appendix B), and no
-step knows the next. The same is asked under limits on strength and speed, where foresight matters
-more.
+The paper questions its own result: activations reorganize abruptly in mid-motion, which may only
+come from solving each time step blind to the next. Three things distinguish its method from a
+horizon, and each is changed on its own here: only tracking counts (so the activations are
+wherever the solver stops), steps stay near solutions without loads (appendix B), and no step
+knows the next. The comparison is repeated under limits on strength and speed, where foresight
+matters more.
 """
 
 from __future__ import annotations
@@ -17,28 +17,29 @@ from typing import Any
 
 import numpy as np
 
-from .._support.process_pool import Done, run
+from .._support.arguments import check_arguments
+from .._support.process_pool import DoneCallback, run_tasks
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..planning.options import Options
 from ..planning.plan import Plan, Status
-from ..planning.planner import plan_from, plan_motion
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter
-from .measures import DEFINITIONS, REVERSAL, Measures, measure
+from .measures import DEFINITIONS, REVERSAL, Measures, plan_measures
+from .study_tasks import JoinedCount, blind_and_horizon, plan_from_start, plan_of, sound
 
 TRACKING_ONLY = Weights(effort=1e-7, rate=0.0)
 """The paper's cost, made well-posed.
 
-By tracking alone 16 of the elephant's 28 directions of activation count for nothing, and a plan is
-wherever the optimizer happens to stop. This is about the least effort that Ipopt still sees: its
-slope at gamma = -3 is 6e-7, and Ipopt stops where slopes are below 1e-8.
+With tracking alone, 16 of the 28 directions of activation of the elephant's trunk do not affect the
+cost, and a plan is wherever the optimizer happens to stop. This is about the smallest effort weight
+that Ipopt still sees: its slope at gamma = -3 is 6e-7, and Ipopt stops at slopes below 1e-8.
 """
-SHARE = 0.01
-"""A lookahead suffices if its objective is within this share of the best one's."""
-ALIKE = 1e-6
-"""Relative difference of two objectives that is no difference."""
+SUFFICIENT_EXCESS = 0.01
+"""Relative excess over the best objective up to which a lookahead is sufficient."""
+OBJECTIVE_RTOL = 1e-6
+"""Relative difference up to which two objectives count as equal."""
 
 
 def equal_bounds(motion: Motion) -> Motion:
@@ -55,11 +56,11 @@ class Curve:
     plans : dict
         By lookahead; 1 is blind, the number of time steps the horizon.
     best : Plan
-        The best horizon known: that of `plans`, or another one that starts from a receding plan
-        that beats it. All are local optima.
+        The best horizon known: that of `plans`, or one that starts from a receding plan with a
+        lower objective. All are local optima.
     shown : Plan
-        Blind once more, each step's solve started where the best horizon has that step. What is
-        still missing then is for want of foresight; what is not was for want of a good start.
+        Blind again, with each step started at that step of the best horizon. The remaining loss
+        comes from missing foresight; the rest came from a poor start.
     """
 
     motion: Motion
@@ -74,12 +75,12 @@ class Curve:
 
     @property
     def horizon(self) -> Plan:
-        """The plan of all time steps together, as it starts from the blind one."""
+        """The plan of all time steps together, started from the blind one."""
         return self.plans[len(self.motion.steps)]
 
     @cached_property
     def excess(self) -> dict[int, float]:
-        """Objective of each lookahead over the best one's, minus 1; only of sound plans."""
+        """Relative excess of the objective over the best one, by lookahead; only of sound plans."""
         least = self.best.objective.total
         return {
             H: plan.objective.total / least - 1 for H, plan in self.plans.items() if sound(plan)
@@ -87,54 +88,54 @@ class Curve:
 
     @property
     def sufficient(self) -> int | None:
-        """The smallest lookahead whose objective is within `SHARE` of the best one's.
+        """The smallest lookahead within `SUFFICIENT_EXCESS` of the best objective.
 
-        None that misses a target suffices where the best does not.
+        A plan that misses a target is not sufficient if the best one misses none.
         """
-        reaches = self.best.status is Status.SOLVED
-        enough = (
+        best_solved = self.best.status is Status.SOLVED
+        sufficient = (
             H
             for H, excess in self.excess.items()
-            if excess <= SHARE and (not reaches or self.plans[H].status is Status.SOLVED)
+            if excess <= SUFFICIENT_EXCESS
+            and (not best_solved or self.plans[H].status is Status.SOLVED)
         )
-        return min(enough, default=None)
+        return min(sufficient, default=None)
 
     @property
     def worse_than_blind(self) -> list[int]:
-        """Lookaheads that do worse than none."""
-        none = self.excess.get(1, np.inf)
-        return [H for H, excess in self.excess.items() if excess > none * (1 + ALIKE) + ALIKE]
+        """Lookaheads with a higher objective than the blind plan."""
+        blind = self.excess.get(1, np.inf)
+        return [
+            H
+            for H, excess in self.excess.items()
+            if excess > blind * (1 + OBJECTIVE_RTOL) + OBJECTIVE_RTOL
+        ]
 
     def as_dict(self) -> dict[str, Any]:
         """Measures of all plans, ready for JSON."""
         return {
-            "lookaheads": {str(H): asdict(measure(plan)) for H, plan in self.plans.items()},
-            "best": asdict(measure(self.best)),
-            "blind_from_best": asdict(measure(self.shown)),
+            "lookaheads": {str(H): asdict(plan_measures(plan)) for H, plan in self.plans.items()},
+            "best": asdict(plan_measures(self.best)),
+            "blind_from_best": asdict(plan_measures(self.shown)),
             "sufficient_lookahead": self.sufficient,
             "worse_than_blind": self.worse_than_blind,
         }
 
 
-def sound(plan: Plan) -> bool:
-    """Whether a plan is an optimum that the independent check confirms, targets met or not."""
-    return plan.converged and plan.verified
-
-
 @dataclass(frozen=True)
 class Foresight:
-    """The paper's way of planning a motion, and every lookahead.
+    """One motion planned with the paper's method, and with every lookahead.
 
     Attributes
     ----------
     paper : Plan
-        Sequential, with appendix B's auxiliary problems and feasible sets, by tracking only.
+        Sequential, tracking only, with appendix B's auxiliary problems and feasible sets.
     paper_costed : Plan
-        The same with the running cost of all other plans.
+        The same with the cost of all other plans.
     curve : Curve
         All lookaheads under equal bounds.
     limits : dict
-        Largest |gamma| "activation" and "rate" in 1/s; None where there is no limit.
+        Largest |gamma| "activation" and "rate" in 1/s; None for no limit.
     """
 
     paper: Plan
@@ -144,12 +145,12 @@ class Foresight:
 
     @property
     def motion(self) -> Motion:
-        """The motion, as it was limited."""
+        """The motion with its limits."""
         return self.paper.motion
 
     @cached_property
     def measures(self) -> dict[str, Measures]:
-        """Measures of every plan by its name; the objective is by the same weights for all."""
+        """Measures of every plan by its name; objectives use the same weights for all."""
         curve = self.curve
         weights = curve.best.weights
         plans = {"paper": self.paper, "paper, same cost": self.paper_costed}
@@ -157,26 +158,26 @@ class Foresight:
         if curve.best is not curve.horizon:
             plans["best horizon"] = curve.best
         plans["blind from best"] = curve.shown
-        return {name: measure(plan, weights) for name, plan in plans.items()}
+        return {name: plan_measures(plan, weights) for name, plan in plans.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything in numbers, with units and definitions; ready for JSON."""
+        """All numbers, with units and definitions, ready for JSON."""
         weights = self.curve.best.weights
         return {
             "problem": self.motion.name,
             "limits": dict(self.limits),
             "weights": asdict(weights),
             "ways": {
-                "paper": "one step after the other, tracking only (effort weighs "
+                "paper": "one step at a time, tracking only (effort weight "
                 f"{TRACKING_ONLY.effort:g}), auxiliary problems and feasible sets of appendix B",
-                "paper, same cost": "the same with effort and rate weighed as in all other ways",
+                "paper, same cost": "the same with the weights of all other plans",
                 "lookahead H": "H steps at a time under the horizon's bounds, without auxiliary "
                 "problems: 1 is blind to the next step, "
                 f"{len(self.motion.steps)} is the horizon",
-                "best horizon": "the horizon once more from the best receding plan; only if that "
-                "is better than from the blind one",
-                "blind from best": "lookahead 1 once more, each step's solve started from the best "
-                "horizon's step: tells a want of foresight from a poor start",
+                "best horizon": "the horizon started from the best receding plan, if better than "
+                "from the blind one",
+                "blind from best": "lookahead 1, each step started from that of the best horizon: "
+                "separates missing foresight from a poor start",
             },
             "measures": {name: asdict(measures) for name, measures in self.measures.items()},
             "sufficient_lookahead": self.curve.sufficient,
@@ -188,15 +189,18 @@ class Foresight:
 def definitions() -> dict[str, dict[str, str]]:
     """Unit and meaning of every number of this module."""
     limits = {
-        "limits.activation": ("", "largest |gamma| that any muscle may have; null: the motion's"),
+        "limits.activation": (
+            "",
+            "largest |gamma| of any muscle; null: the motion's own limit",
+        ),
         "limits.rate": ("1/s", "largest change of any activation per second, over each time step"),
         "sufficient_lookahead": (
             "time steps",
-            f"smallest lookahead with a planner_objective within {SHARE:.0%} of the best "
-            "horizon's that misses no target, unless that horizon does; null if none is",
+            f"smallest lookahead with planner_objective within {SUFFICIENT_EXCESS:.0%} of the best "
+            "horizon that misses no target, unless that horizon does; null if there is none",
         ),
         "worse_than_blind": ("time steps", "lookaheads with a larger objective than lookahead 1"),
-        "blind_from_best": ("", "lookahead 1 with each step's solve started from the best's"),
+        "blind_from_best": ("", "lookahead 1 with each step started from that of the best horizon"),
         "reversal threshold": ("", f"{REVERSAL:g}"),
     }
     return {
@@ -205,7 +209,8 @@ def definitions() -> dict[str, dict[str, str]]:
     }
 
 
-def foresight(
+@check_arguments
+def compare_lookaheads(
     motion: Motion,
     activation: float | None = None,
     rate: float | None = None,
@@ -213,17 +218,33 @@ def foresight(
     options: Options | None = None,
     processes: int | None = None,
     reporter: Reporter | None = None,
-    done: Done | None = None,
+    done: DoneCallback | None = None,
 ) -> Foresight:
-    """Plan a motion the paper's way and with every lookahead.
+    """Plan a motion with the paper's method and with every lookahead.
 
     Parameters
     ----------
+    motion : Motion
     activation, rate : float, optional
-        Limits on every muscle, see `Motion.limited`.
-    lookaheads : whole numbers, optional
-        By default all; blindness and horizon are always among them.
-    processes, reporter, done : see `parallel.run`
+        Limits on every muscle: largest |gamma|, and largest rate in 1/s; see `Motion.limited`.
+    lookaheads : iterable of int, optional
+        Time steps; by default all. 1 and the number of time steps are always included.
+    options : Options, optional
+    processes : int, optional
+        By default one for each core that this process may use.
+    reporter : Reporter, optional
+        Its `stop` ends all plans with KeyboardInterrupt.
+    done : callable, optional
+        Called with the number of finished plans and of all plans.
+
+    Returns
+    -------
+    Foresight
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong type or out of range, or the limits leave no motion.
     """
     options = options or Options()
     limited = motion.limited(activation, rate)
@@ -235,7 +256,8 @@ def foresight(
     return Foresight(paper, costed, curve, {"activation": activation, "rate": rate})
 
 
-def survey(
+@check_arguments
+def survey_limits(
     motion: Motion,
     activations: Sequence[float | None] = (None,),
     rates: Sequence[float | None] = (None,),
@@ -243,13 +265,31 @@ def survey(
     options: Options | None = None,
     processes: int | None = None,
     reporter: Reporter | None = None,
-    done: Done | None = None,
+    done: DoneCallback | None = None,
 ) -> dict[str, Any]:
-    """The curve of cost against lookahead under every pair of limits, ready for JSON.
+    """Cost against lookahead under every pair of limits on strength and speed, ready for JSON.
 
-    Arguments as those of `foresight`. "cells" has an entry for each pair of limits.
+    Parameters
+    ----------
+    motion : Motion
+    activations, rates : sequences of float or None
+        Limits on every muscle, see `Motion.limited`; None for no limit.
+    lookaheads, options, processes, reporter, done
+        As in `compare_lookaheads`.
+
+    Returns
+    -------
+    dict
+        "cells" has an entry for each pair of limits, "definitions" all units and meanings.
+
+    Raises
+    ------
+    InputError
+        As `compare_lookaheads`, or if there is no pair of limits.
     """
     pairs = [(activation, rate) for activation in activations for rate in rates]
+    if not pairs:
+        raise InputError("activations and rates: expected one limit of each at least, or None.")
     motions = [equal_bounds(motion.limited(*pair)) for pair in pairs]
     _, curves = _curves(motions, lookaheads, options or Options(), processes, reporter, done)
     cells = [
@@ -259,29 +299,46 @@ def survey(
     return {"problem": motion.name, "cells": cells, "definitions": definitions()}
 
 
-def front(
+@check_arguments
+def smoothness_tradeoff(
     motion: Motion,
     weights: Sequence[float] = tuple(10.0 ** np.arange(-7, -0.9, 0.5)),
     options: Options | None = None,
     processes: int | None = None,
     reporter: Reporter | None = None,
-    done: Done | None = None,
+    done: DoneCallback | None = None,
 ) -> dict[str, Any]:
-    """Tracking against smoothness, blind and with a horizon: the weight of rates swept.
+    """Tracking against smoothness, blind and with a horizon: a sweep of the weight of rates.
 
-    Under equal bounds; the weight of effort stays. Ready for JSON: measures by the names "blind"
-    and "horizon", one entry for each weight.
+    Parameters
+    ----------
+    motion : Motion
+        Planned under equal bounds.
+    weights : sequence of float
+        Weights of rates; the weight of effort stays that of `options`.
+    options, processes, reporter, done
+        As in `compare_lookaheads`.
+
+    Returns
+    -------
+    dict
+        Ready for JSON: "blind" and "horizon" have the measures for each weight.
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong type or out of range.
     """
     options, equal = options or Options(), equal_bounds(motion)
     choices = [replace(options, weights=replace(options.weights, rate=w)) for w in weights]
     tasks = [(equal, None, choice, None) for choice in choices]
-    pairs = run(_blind_and_horizon, tasks, processes, reporter, done)
+    pairs = run_tasks(blind_and_horizon, tasks, processes, reporter, done)
     return {
         "problem": motion.name,
         "rate_weight": list(weights),
         "effort_weight": options.weights.effort,
-        "blind": [asdict(measure(blind)) for blind, _ in pairs],
-        "horizon": [asdict(measure(horizon)) for _, horizon in pairs],
+        "blind": [asdict(plan_measures(blind)) for blind, _ in pairs],
+        "horizon": [asdict(plan_measures(horizon)) for _, horizon in pairs],
         "definitions": definitions(),
     }
 
@@ -292,26 +349,25 @@ def _curves(
     options: Options,
     processes: int | None,
     reporter: Reporter | None,
-    done: Done | None,
+    done: DoneCallback | None,
     first: Sequence[tuple[Any, ...]] = (),
 ) -> tuple[list[Plan], list[Curve]]:
     """Plans of the tasks `first`, and the curve of each motion.
 
-    All lookaheads start from the blind plan; a window's first start is what it knows of the window
-    before.
+    All lookaheads start from the blind plan; later windows start from the window before.
     """
     count = len(motions[0].steps)
-    chosen = sorted({1, count, *(lookaheads or range(1, count + 1))})
+    chosen = sorted({1, count, *(range(1, count + 1) if lookaheads is None else lookaheads)})
     if chosen[0] < 1 or chosen[-1] > count:
         raise InputError(
             f"lookaheads = {chosen}: expected whole numbers from 1 to {count}, the number of "
             "time steps."
         )
-    longer = [H for H in reversed(chosen) if H > 1]  # what takes longest first
+    longer = [H for H in reversed(chosen) if H > 1]  # slowest first
     total = len(first) + len(motions) * (len(longer) + 1)
-    counts = _Counts(done, total)
+    counts = JoinedCount(done, total)
     tasks = [*first, *((motion, 1, options, None) for motion in motions)]
-    plans = run(plan_of, tasks, processes, reporter, counts)
+    plans = run_tasks(plan_of, tasks, processes, reporter, counts)
     blind = plans[len(first) :]
     counts.begin(len(tasks))
     tasks = [
@@ -319,69 +375,32 @@ def _curves(
         for motion, start in zip(motions, blind, strict=True)
         for H in longer
     ]
-    others = iter(run(plan_of, tasks, processes, reporter, counts))
-    found = [{1: start} | {H: next(others) for H in longer} for start in blind]
-    horizons = [_best(motion, some) for motion, some in zip(motions, found, strict=True)]
+    others = iter(run_tasks(plan_of, tasks, processes, reporter, counts))
+    plans_by_H = [{1: start} | {H: next(others) for H in longer} for start in blind]
+    horizons = [_best(motion, by_H) for motion, by_H in zip(motions, plans_by_H, strict=True)]
     tasks = [
         (motion, None, options, start)
-        for motion, some, start in zip(motions, found, horizons, strict=True)
-        if start is not some[count]
+        for motion, by_H, start in zip(motions, plans_by_H, horizons, strict=True)
+        if start is not by_H[count]
     ]
-    again = iter(run(plan_of, tasks, processes, reporter))
+    again = iter(run_tasks(plan_of, tasks, processes, reporter))
     best = [
-        start if start is some[count] else next(again)
-        for some, start in zip(found, horizons, strict=True)
+        start if start is by_H[count] else next(again)
+        for by_H, start in zip(plans_by_H, horizons, strict=True)
     ]
-    tasks = [(motion, plan, options) for motion, plan in zip(motions, best, strict=True)]
-    shown = run(_blind_from, tasks, processes, reporter)
+    tasks = [(motion, plan.x, 1, options) for motion, plan in zip(motions, best, strict=True)]
+    shown = run_tasks(plan_from_start, tasks, processes, reporter)
     curves = [
-        Curve(motion, {H: some[H] for H in chosen}, *pair)
-        for motion, some, *pair in zip(motions, found, best, shown, strict=True)
+        Curve(motion, {H: by_H[H] for H in chosen}, *pair)
+        for motion, by_H, *pair in zip(motions, plans_by_H, best, shown, strict=True)
     ]
     return plans[: len(first)], curves
 
 
 def _best(motion: Motion, plans: Mapping[int, Plan]) -> Plan:
-    """The plan with the least objective; the horizon unless another one clearly beats it."""
+    """The plan with the lowest objective; the horizon unless another one is clearly better."""
     horizon = plans[len(motion.steps)]
-    good = [plan for plan in plans.values() if sound(plan)]
-    best = min(good, key=lambda plan: plan.objective.total, default=horizon)
-    clearly = best.objective.total < horizon.objective.total * (1 - ALIKE)
-    return best if clearly or not sound(horizon) else horizon
-
-
-class _Counts:
-    """Counts the tasks of several runs as one."""
-
-    def __init__(self, done: Done | None, total: int) -> None:
-        self.done, self.total, self.before = done, total, 0
-
-    def begin(self, before: int) -> None:
-        """A run begins after so many tasks."""
-        self.before = before
-
-    def __call__(self, done: int, _: int) -> None:
-        if self.done is not None:
-            self.done(self.before + done, self.total)
-
-
-def plan_of(
-    motion: Motion, lookahead: int | None, options: Options, start: Plan | None, reporter: Reporter
-) -> Plan:
-    """`plan_motion`, for a process of its own; the plan has been checked there as well."""
-    plan = plan_motion(motion, lookahead, options, reporter, start, throw=False)
-    _ = plan.status  # kept in the plan
-    return plan
-
-
-def _blind_from(motion: Motion, start: Plan, options: Options, reporter: Reporter) -> Plan:
-    plan = plan_from(motion, start.x, 1, options, reporter)
-    _ = plan.status  # kept in the plan
-    return plan
-
-
-def _blind_and_horizon(
-    motion: Motion, _: None, options: Options, start: None, reporter: Reporter
-) -> tuple[Plan, Plan]:
-    blind = plan_of(motion, 1, options, start, reporter)
-    return blind, plan_of(motion, None, options, blind, reporter)
+    candidates = [plan for plan in plans.values() if sound(plan)]
+    best = min(candidates, key=lambda plan: plan.objective.total, default=horizon)
+    clearly_better = best.objective.total < horizon.objective.total * (1 - OBJECTIVE_RTOL)
+    return best if clearly_better or not sound(horizon) else horizon

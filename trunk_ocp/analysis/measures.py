@@ -1,4 +1,4 @@
-"""What a plan achieves and what it costs, in numbers to compare ways of planning by."""
+"""Measures of what a plan achieves and costs, for comparing ways of planning."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..nlp.window import Weights
 from ..planning.active_bounds import touching
 from ..planning.plan import Plan
 
 REVERSAL = 0.1
-"""How far an activation must come and go back for its turn to count as a reversal (no unit)."""
+"""Distance an activation must move before and after a turn for it to count as a reversal."""
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "status": ("", "how the plan ended, as in summary.json"),
@@ -25,17 +26,17 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     "squared_activation": ("", "sum over muscles and time steps of the squared activations"),
     "squared_rate": (
         "1/s",
-        "integral over time of the squared rates of activations and head angles, of straight "
-        "lines between time steps, from rest on",
+        "integral over time of the squared rates of activations and head angles, along straight "
+        "lines between time steps, starting from rest",
     ),
     "total_variation": (
         "",
-        "sum over muscles of the sizes of all changes from step to step, that from rest to step 1 "
-        "left out",
+        "sum over muscles of the magnitudes of all changes from step to step, without the change "
+        "from rest to step 1",
     ),
     "largest_change": (
         "",
-        "largest change of one activation between two steps, that from rest to step 1 left out",
+        "largest change of one activation between two steps, without that from rest to step 1",
     ),
     "reversals": (
         "",
@@ -44,24 +45,27 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     ),
     "time_at_bound": (
         "s",
-        "time at the bound of contraction, summed over muscles; a step counts for its duration",
+        "time at the bound of contraction, summed over muscles; each step counts for its duration",
     ),
-    "saturated_muscles": ("", "number of muscles that are ever at their bound of contraction"),
-    "head_travel": ("rad", "sum of the sizes of all changes of both head angles, from rest on"),
+    "saturated_muscles": ("", "number of muscles that reach their bound of contraction"),
+    "head_travel": (
+        "rad",
+        "sum of the magnitudes of all changes of both head angles, starting from rest",
+    ),
     "change_excess": (
         "",
         "largest excess over the bounds on change between consecutive steps; a sequential plan "
         "that follows auxiliary solutions may have one",
     ),
-    "iterations": ("", "of the optimizer, those of the plan it starts from included"),
-    "seconds": ("s", "wall time of the plan, the plan it starts from included"),
+    "iterations": ("", "iterations of the optimizer, including those of the starting plan"),
+    "seconds": ("s", "wall time of the plan, including that of the starting plan"),
 }
-"""Unit and meaning of each measure; "" where there is no unit."""
+"""Unit and meaning of each measure; the unit "" means dimensionless."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """What a plan achieves and what it costs; `DEFINITIONS` has units and meanings."""
+    """Measures of one plan; `DEFINITIONS` has units and meanings."""
 
     status: str
     planner_objective: float
@@ -83,8 +87,25 @@ class Measures:
     seconds: float
 
 
-def measure(plan: Plan, weights: Weights | None = None) -> Measures:
-    """Measures of one plan; its objective by other weights than its own if they are given."""
+@check_arguments
+def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
+    """Measures of one plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    weights : Weights, optional
+        For the objective; by default the plan's own.
+
+    Returns
+    -------
+    Measures
+
+    Raises
+    ------
+    InputError
+        If an argument is of the wrong type.
+    """
     weights = weights or plan.weights
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
     directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
@@ -119,34 +140,32 @@ def measure(plan: Plan, weights: Weights | None = None) -> Measures:
 
 
 def reversals(curve: np.ndarray, least: float = REVERSAL) -> int:
-    """How often a curve (H,) turns, small wiggles left out.
+    """Number of turns of a curve (H,), without small wiggles.
 
-    A turn counts where the curve has come by more than `least` since the turn before, and goes
-    back by more than that.
+    A turn counts if the curve has moved by more than `least` since the previous turn, and then
+    moves back by more than that.
     """
-    count, way = 0, 0  # +1 rising, -1 falling, 0 neither so far
+    count, direction = 0, 0  # +1 rising, -1 falling, 0 neither so far
     lowest, highest = np.inf, -np.inf
     for value in curve.tolist():
         lowest, highest = min(lowest, value), max(highest, value)
-        if way <= 0 and value - lowest > least:
-            count += way < 0
-            way, highest = 1, value
-        elif way >= 0 and highest - value > least:
-            count += way > 0
-            way, lowest = -1, value
+        if direction <= 0 and value - lowest > least:
+            count += direction < 0
+            direction, highest = 1, value
+        elif direction >= 0 and highest - value > least:
+            count += direction > 0
+            direction, lowest = -1, value
     return count
 
 
 def time_at_bounds(plan: Plan) -> float:
-    """Time in s that muscles are at their bound of contraction, summed over muscles.
-
-    Each time step counts for its duration.
-    """
+    """Time in s at the bound of contraction, summed over muscles, by the steps' durations."""
     below, _ = touching(plan)
     durations = [step.duration for step in plan.motion.steps[: len(plan.x)]]
     return float(below[:, :-2].sum(axis=1) @ np.array(durations))
 
 
+@check_arguments
 def compare(sequential: Plan, horizon: Plan) -> dict[str, dict[str, Any]]:
     """Measures of both plans of one motion, by the names of their modes."""
-    return {plan.mode: asdict(measure(plan)) for plan in (sequential, horizon)}
+    return {plan.mode: asdict(plan_measures(plan)) for plan in (sequential, horizon)}

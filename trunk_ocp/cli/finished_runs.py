@@ -12,7 +12,8 @@ import click
 from rich.console import Console
 
 from .._support.toml_files import printable
-from ..analysis.diagnosis import effects, explain, save_diagnosis
+from ..analysis.bound_sensitivity import effects
+from ..analysis.diagnosis import explain, save_diagnosis
 from ..errors import InputError
 from ..planning.plan import Plan, Status
 from ..planning.results_folder import hashes

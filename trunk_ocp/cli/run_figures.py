@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .._support.process_pool import Job, cores, finished
+from .._support.process_pool import Job, cores, iter_finished
 from ..errors import TrunkError
 from ..figures import FORMATS, PARTS, draw_anatomy, draw_comparison
 from ..planning.plan import Plan
@@ -58,7 +58,7 @@ def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Dr
     names, failures, page = [*jobs], [], None
     unfinished = set(names)
     try:
-        for number, future in finished([*jobs.values()], min(PROCESSES, cores())):
+        for number, future in iter_finished([*jobs.values()], min(PROCESSES, cores())):
             unfinished.discard(names[number])
             error = future.exception()
             if error is not None:

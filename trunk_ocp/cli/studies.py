@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .._support.atomic_files import write
-from ..analysis.lookahead_study import foresight, front, survey
-from ..analysis.multistart import optima
-from ..analysis.redundancy import AblationResult, needed, redundancy, report
+from ..analysis.lookahead_study import compare_lookaheads, smoothness_tradeoff, survey_limits
+from ..analysis.multistart import find_optima
+from ..analysis.redundancy import AblationResult, ablate_muscles, analyze_redundancy
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
@@ -58,12 +58,12 @@ def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: boo
     for plan_folder, plan in plans.items():
         place = out / plan_folder.relative_to(folder) if out else plan_folder
         with console.status(f"{plan.mode}: ranges of {len(plan.motion.trunk.muscles)} muscles"):
-            result = redundancy(plan)
+            result = analyze_redundancy(plan)
         if ablate and plan.auxiliary:
             console.print(f"{plan.mode}: skipped --needed, which applies to horizon plans only.")
         elif ablate:
             result = replace(result, needs=_ablation(plan, console))
-        write(place / "redundancy.json", json.dumps(report(result), indent=2) + "\n")
+        write(place / "redundancy.json", json.dumps(result.as_dict(), indent=2) + "\n")
         console.print(redundancy_table(result))
         console.print(version_table(result))
         if not no_figures:
@@ -88,7 +88,7 @@ def _ablation(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
         def show(done: int, total: int, result: AblationResult) -> None:
             line.update(f"planning without each muscle: {done} of {total}")
 
-        return needed(plan, progress=show, reporter=reporter)
+        return ablate_muscles(plan, progress=show, reporter=reporter)
 
 
 def _study_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -175,7 +175,7 @@ def compare_command(
     motion = load_motion(problem)
     folder = _study_folder(problem, motion, out, "compare")
     with _plan_progress(console, motion.name) as (reporter, done):
-        result = foresight(
+        result = compare_lookaheads(
             motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
         )
     data = finite(result.as_dict())
@@ -238,11 +238,11 @@ def survey_command(
     motion = load_motion(problem)
     folder = _study_folder(problem, motion, out, "survey")
     with _plan_progress(console, f"{motion.name}, limits") as (reporter, done):
-        cells = survey(
+        cells = survey_limits(
             motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
         )
     with _plan_progress(console, f"{motion.name}, smoothness") as (reporter, done):
-        curve = front(motion, processes=processes, reporter=reporter, done=done)
+        curve = smoothness_tradeoff(motion, processes=processes, reporter=reporter, done=done)
     cells, curve = finite(cells), finite(curve)
     if out is None:
         sign(folder.parent, problem, motion)
@@ -307,7 +307,7 @@ def optima_command(
     motion = load_motion(problem)
     folder = _study_folder(problem, motion, out, "optima")
     with _plan_progress(console, motion.name) as (reporter, done):
-        result = optima(motion, lookahead, starts, seed, None, processes, reporter, done)
+        result = find_optima(motion, lookahead, starts, seed, None, processes, reporter, done)
     data = finite(result.as_dict())
     if out is None:
         sign(folder.parent, problem, motion)

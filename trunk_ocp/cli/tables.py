@@ -14,11 +14,11 @@ from rich.table import Table
 from rich.text import Text
 
 from ..analysis.diagnosis import Diagnosis
-from ..analysis.lookahead_study import SHARE, Foresight
-from ..analysis.measures import DEFINITIONS, measure
-from ..analysis.multistart import SAME, Optima, distance
+from ..analysis.lookahead_study import SUFFICIENT_EXCESS, Foresight
+from ..analysis.measures import DEFINITIONS, plan_measures
+from ..analysis.multistart import SAME_PLAN_TOL, Optima, distance
 from ..analysis.redundancy import Redundancy
-from ..analysis.redundancy.ranges import AT_REST
+from ..analysis.redundancy.activation_ranges import AT_REST
 from ..analysis.redundancy.report import cost, largest
 from ..errors import InputError
 from ..model.anatomy import Trunk
@@ -191,8 +191,8 @@ def _sufficient(result: Foresight) -> str:
     if curve.sufficient is None:
         return "No lookahead suffices."
     sentence = (
-        f"A lookahead of {curve.sufficient} of {count} steps comes within {SHARE:.0%} of the best "
-        "horizon's objective"
+        f"A lookahead of {curve.sufficient} of {count} steps comes within "
+        f"{SUFFICIENT_EXCESS:.0%} of the best horizon's objective"
     )
     status = curve.best.status
     return f"{sentence}." if status is Status.SOLVED else f"{sentence} (horizon {status.value})."
@@ -271,15 +271,15 @@ def optima_table(optima: Optima) -> Table:
     table = Table(
         title=f"{optima.reported.motion.name}, {optima.reported.mode}: distinct local optima",
         caption=f"{len(optima.plans)} starts{failed}. The reported plan {verdict}. "
-        f"Plans that differ by at most {SAME:g} in every activation and angle (rad) count as one. "
-        "distance: largest difference from the best.",
+        f"Plans that differ by at most {SAME_PLAN_TOL:g} in every activation and angle (rad) count "
+        "as one. distance: largest difference from the best.",
         box=SIMPLE_HEAD,
     )
     for name in ("objective", "J", "worst, mm", "distance", "status", "found from"):
         table.add_column(name, justify="left" if name == "found from" else "right")
     best = optima.distinct[0].plan if optima.distinct else optima.reported
     for optimum in optima.distinct:
-        m = measure(optimum.plan)
+        m = plan_measures(optimum.plan)
         starts, mirrored = optimum.starts, _mirrored_row(optimum.plan, optima)
         some = ", ".join(starts[:3]) + (f" and {len(starts) - 3} more" if len(starts) > 3 else "")
         table.add_row(
@@ -299,7 +299,8 @@ def _mirrored_row(plan: Plan, optima: Optima) -> int:
         if optimum.plan is plan:
             return 0
         with suppress(InputError):  # a trunk without left-right symmetry
-            if distance(mirrored_unknowns(plan.motion.trunk, optimum.plan.x), plan.x) <= SAME:
+            image = mirrored_unknowns(plan.motion.trunk, optimum.plan.x)
+            if distance(image, plan.x) <= SAME_PLAN_TOL:
                 return row
     return 0
 

@@ -9,7 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import alone
+from .._support.ranges import shown
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, check_contact
@@ -88,6 +90,7 @@ FORMATS = {
 _SHAPES = tuple(name for name, form in FORMATS.items() if not form.formulas)
 
 
+@check_arguments
 def export(
     subject: Motion | Trunk,
     to: str,
@@ -146,17 +149,27 @@ def export(
         return write_files(folder, files, {"format": to, "what": what})
 
 
+@check_arguments
 def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:
     """Run an export in its own environment on its check files; returns the output.
 
     Raises
     ------
+    InputError
+        If the format is unknown, or the folder has no such export.
     CheckError
         If a number disagrees, or the export does not run.
     ToolMissingError
         If a required program or package is not installed; the message says how to install it.
     """
-    return FORMATS[to].check(Path(folder), what)
+    if to not in FORMATS:
+        raise InputError(f"to = {shown(to)}: expected one of {', '.join(FORMATS)}.")
+    try:
+        return FORMATS[to].check(Path(folder), what)
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{error.filename}: no such file; expected the folder of an export to {to}."
+        ) from None
 
 
 def build_request(

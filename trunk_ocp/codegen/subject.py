@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-from .._support.toml_files import LARGEST_FILE, read_bytes, shipped
+from .._support.toml_files import MAX_FILE_SIZE, read_bytes, shipped
 from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
 from ..problem.build import load_motion, problems_folder
 from ..problem.motion import Motion
@@ -26,7 +26,7 @@ def load_subject(name_or_path: str) -> Motion | Trunk:
 def _is_problem(path: Path) -> bool:
     """Whether a file is a problem; either reader reports a file that cannot be parsed."""
     try:
-        content = tomllib.loads(read_bytes(path, LARGEST_FILE).decode())
+        content = tomllib.loads(read_bytes(path, MAX_FILE_SIZE).decode())
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError):
         return False
     return "phases" in content or "anatomy" in content

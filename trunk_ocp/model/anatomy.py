@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from pydantic import Field, model_validator
 
+from .._support.arguments import check_arguments, real_array
 from .._support.toml_files import (
     NonNegative,
     Number,
@@ -251,6 +252,7 @@ def unknown_architecture(muscle: Muscle) -> InputError:
     return InputError(f"{stated}: expected one of {names}.")
 
 
+@check_arguments
 def load_anatomy(name_or_path: str | Path) -> Trunk:
     """Read an anatomy: a shipped name ("asian-elephant") or a path to a TOML file.
 
@@ -322,10 +324,7 @@ def check_activation(trunk: Trunk, activation: np.ndarray) -> np.ndarray:
     InputError
         If its last axis is not the number of muscles or a value is not a finite number.
     """
-    try:
-        array = np.asarray(activation, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError("activation: expected an array of numbers.") from None
+    array = real_array(activation, "activation")
     count = len(trunk.subdomains)
     if array.ndim == 0 or array.shape[-1] != count:
         raise InputError(

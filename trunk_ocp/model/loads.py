@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._support.arguments import real_array
+from .._support.ranges import shown
 from ..errors import InputError
 from .anatomy import Trunk
 
@@ -64,14 +66,13 @@ class Loads:
 
 
 def _numbers(loads: Loads, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A field as an array of finite numbers of a shape; anything else raises InputError."""
-    value, expected = getattr(loads, name), "three finite numbers" if shape else "a finite number"
-    if not isinstance(value, str):
-        with contextlib.suppress(TypeError, ValueError):
-            array = np.asarray(value, dtype=float)
-            if array.shape == shape and np.all(np.isfinite(array)):
-                return array
-    raise InputError(f"loads.{name} = {value!r}: expected {expected}.")
+    """A field of loads as finite numbers of a shape, or InputError."""
+    value, count = getattr(loads, name), "three finite numbers" if shape else "a finite number"
+    with contextlib.suppress(InputError):
+        array = real_array(value, name)
+        if array.shape == shape and np.all(np.isfinite(array)):
+            return array
+    raise InputError(f"loads.{name} = {shown(value, repr)}: expected {count}.")
 
 
 def vector(v: np.ndarray) -> Vector:

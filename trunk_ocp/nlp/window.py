@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._support.deferred_signals import deferred_interrupts
+from .._support.ranges import check
 from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
@@ -60,6 +61,10 @@ class Weights:
 
     effort: float = 1e-5
     rate: float = 1e-5
+
+    def __post_init__(self) -> None:
+        check(self.effort, "weight", "effort")
+        check(self.rate, "weight", "rate")
 
 
 @dataclass(frozen=True, eq=False)

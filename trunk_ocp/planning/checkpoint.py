@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import write
 from .._support.provenance import fingerprint, plain, versions
 from ..errors import InputError
@@ -56,8 +57,11 @@ class Checkpoint:
         Wall time that the plan took before this process.
     """
 
+    @check_arguments
     def __init__(self, path: str | Path, resume: bool = False) -> None:
         self.path, self.resume = Path(path), resume
+        if not self.path.name:
+            raise InputError(f"path = {path!r}: expected the name of a file.")
         self.seconds = 0.0
         self._newer = self.path.with_name(f"{self.path.stem}-newer{self.path.suffix}")
         self._began = self._saved = time.perf_counter()

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .._support.toml_files import LONGEST_JSON, MOST_PARTS, parts_of, printable, read_bytes
+from .._support.toml_files import MAX_JSON, MAX_PARTS, parts_of, printable, read_bytes
 from ..errors import InputError
 from ..nlp.outcome import Solve
 from ..problem.motion import Motion
@@ -33,7 +33,7 @@ from .records import amount, check_auxiliary, count, entries, flag, json_of, num
 
 COUNTERS = ("iterations", "setup_seconds", "solve_seconds", "derivative_seconds")
 MEMBERS = ("identity", "progress", "values")
-MAX_TEXT = 2 * LONGEST_JSON + MAX_RECORDS
+MAX_TEXT = 2 * MAX_JSON + MAX_RECORDS
 """Bytes of problem, anatomy and records, that is, of all but the numbers."""
 MAX_STAGES = REFINEMENTS + 2  # the sequential plan, the plan, and one for each refinement
 END = struct.Struct("<4s4H2LH")  # of a zip archive without a comment
@@ -93,7 +93,7 @@ def read_unfinished(path: Path, motion: Motion, options: Options) -> Unfinished:
     content = read_bytes(path, _largest_size(motion, options))
     with _reading(path):
         identity, progress, values = _members(content)
-        if parts_of(_text(identity)) > 2 * MOST_PARTS + 1000:  # problem, anatomy, and little else
+        if parts_of(_text(identity)) > 2 * MAX_PARTS + 1000:  # problem, anatomy, and little else
             raise InputError("its problem or anatomy is too large")
         identity_table, progress_table = (
             table(json_of(_text(text))) for text in (identity, progress)

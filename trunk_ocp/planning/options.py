@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from .._support.ranges import check, shown
+from .._support.arguments import check_fields
+from .._support.ranges import check
 from ..errors import InputError
 from ..nlp.window import Weights
 from ..problem.motion import Motion
@@ -43,18 +44,12 @@ class Options:
     starts: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("elements", "max_iterations", "starts"):
-            check(getattr(self, name), name)
-        if self.degree is not None:
-            check(self.degree, "degree")
-        if not isinstance(self.weights, Weights):
-            raise InputError(f"weights = {shown(self.weights)}: expected Weights(effort, rate).")
-        for name in ("effort", "rate"):
-            check(getattr(self.weights, name), "weight", f"weights.{name}")
-        if not (isinstance(self.linear_solver, str) and self.linear_solver):
-            raise InputError(
-                f"linear_solver = {shown(self.linear_solver)}: expected a name, such as mumps."
-            )
+        check_fields(self)
+        for name in ("elements", "degree", "max_iterations", "starts"):
+            if (value := getattr(self, name)) is not None:
+                check(value, name)
+        if not self.linear_solver:
+            raise InputError("linear_solver = '': expected a name, such as mumps.")
 
 
 def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:

@@ -17,7 +17,7 @@ from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
-from ..rod.buckling import Stability, stability
+from ..rod.buckling import Stability, buckling_margin
 from ..rod.collocation import Mesh
 from ..rod.shape import Shape
 from ..rod.statics import refined, solve_statics
@@ -197,7 +197,7 @@ class Plan:
     @cached_property
     def stability(self) -> Stability:
         """Whether each planned shape is stable, (H,)."""
-        return stability(self.shape, self.activations, self.loads)
+        return buckling_margin(self.shape, self.activations, self.loads)
 
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:

@@ -15,6 +15,7 @@ from numbers import Real
 
 import numpy as np
 
+from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
 from ..errors import InputError
@@ -34,6 +35,7 @@ ROUGH_ITERATIONS = 200
 """Most iterations of a step of a plan that only starts a horizon; shipped motions take 60."""
 
 
+@check_arguments
 @one_thread()
 def plan_motion(
     motion: Motion,
@@ -181,6 +183,7 @@ def seconds_allowed(deadline: float | None) -> float:
     return float(deadline)
 
 
+@check_arguments
 def plan_from(
     motion: Motion,
     x: np.ndarray,
@@ -195,9 +198,17 @@ def plan_from(
     Parameters
     ----------
     x : (H, muscles + 2)
-        Controls of all time steps; clipped to their bounds first.
+        Activations and head angles of all time steps; brought within bounds first.
+
+    Raises
+    ------
+    InputError
+        If `x` does not have that shape, or a value is not finite.
     """
     began = time.perf_counter()
+    x, shape = real_array(x, "x"), (len(motion.steps), len(motion.trunk.muscles) + 2)
+    if x.shape != shape or not np.all(np.isfinite(x)):
+        raise InputError(f"x: expected finite values of shape {shape}, got shape {x.shape}.")
     options, (mode, lookahead) = options or Options(), mode_of(motion, lookahead)
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter or Reporter())
     mesh = first_mesh(motion, options)

@@ -7,6 +7,7 @@ import time
 from dataclasses import asdict, replace
 from typing import Any
 
+from .._support.arguments import check_arguments
 from .._support.blas_threads import one_thread
 from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
@@ -42,6 +43,7 @@ class Replanner:
         If the plan did not converge or lacks time steps.
     """
 
+    @check_arguments
     @deferred_interrupts()
     @one_thread()
     def __init__(
@@ -61,6 +63,7 @@ class Replanner:
         start = window.pack(plan.x, plan.shape)
         self._last = self._optimizer.solve(window, start, "horizon", "multipliers")
 
+    @check_arguments
     def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
         """Plan a motion of the same steps, kinds of targets and mesh as the last one.
 

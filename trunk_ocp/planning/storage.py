@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import replacing, write
 from .._support.blas_threads import one_thread
 from .._support.netcdf import read_netcdf
@@ -53,6 +54,7 @@ UNITS = {
 """Of the numbers in `summary`."""
 
 
+@check_arguments
 @one_thread()
 def save_plan(plan: Plan, folder: str | Path) -> None:
     """Write a plan to a folder, which is created if needed; each file completely or not at all.
@@ -96,6 +98,7 @@ def _check_saving(plan: Plan) -> None:
         raise InputError(f"{name}: the plan cannot be saved; {error}.") from None
 
 
+@check_arguments
 def load_plan(folder: str | Path, throw: bool = True) -> Plan:
     """Read a plan that `save_plan` wrote, from its folder or from the solution.nc in it.
 

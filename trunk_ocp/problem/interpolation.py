@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from .._support.arguments import real_array
+from .._support.ranges import shown
 from ..errors import InputError
 from ..model.loads import Loads, vector
 from .motion import Motion
@@ -110,11 +112,11 @@ def jumps(motion: Motion, planned: Sequence[Loads]) -> tuple[float, ...]:
 def _number(t: object) -> float:
     """A time as a number; InputError if it is not one."""
     try:
-        value = np.asarray(t, dtype=float)
-    except (TypeError, ValueError):
+        value = real_array(t, "t")
+    except InputError:
         value = np.zeros(1)
     if t is None or value.ndim or isinstance(t, str | bytes):
-        raise InputError(f"t = {t!r}: expected one number, a time in s.")
+        raise InputError(f"t = {shown(t, repr)}: expected one number, a time in s.")
     return float(value)
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
@@ -194,6 +195,7 @@ class Motion:
         """
         return replace(self.builder(spec, self.anatomy), warnings=self.warnings)
 
+    @check_arguments
     def shifted(self, offset: Vector) -> Motion:
         """The same motion with every target position moved by `offset` (3,) in m.
 
@@ -204,6 +206,7 @@ class Motion:
         """
         return self.with_spec(shifted_spec(self.spec, offset))
 
+    @check_arguments
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
         """The same motion with weaker or slower muscles; its own narrower bounds stay.
 

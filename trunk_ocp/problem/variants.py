@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from .._support.toml_files import SMALLEST
+from .._support.toml_files import SMALLEST_NUMBER
 from ..errors import InputError
 from .muscle_patterns import mirrored_pattern
 from .problem_file import (
@@ -193,7 +193,7 @@ def _row(row: Numbers, change: Point) -> Numbers:
     """A point, or a time and a point, with the point changed."""
     point = change(np.array(row[-3:])).tolist()
     # Rounding may leave a difference closer to zero than the numbers that a file may have.
-    return (*row[:-3], *(value if abs(value) >= SMALLEST else 0.0 for value in point))
+    return (*row[:-3], *(value if abs(value) >= SMALLEST_NUMBER else 0.0 for value in point))
 
 
 def _reflected(vector: np.ndarray) -> np.ndarray:

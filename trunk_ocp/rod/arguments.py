@@ -9,6 +9,8 @@ from typing import Self
 
 import numpy as np
 
+from .._support.arguments import real_array
+from .._support.ranges import check
 from ..errors import InputError
 from ..model.activation import mean_extension, strains
 from ..model.anatomy import Trunk, check_activation
@@ -16,6 +18,8 @@ from ..model.loads import Loads
 from .collocation import Mesh
 from .point_shapes import PointShapes
 from .shape import points_on
+
+FULL_TURN = 2 * math.pi  # larger head angles are most likely in degrees
 
 
 def check_controls(
@@ -34,9 +38,11 @@ def check_controls(
         For wrong shapes, values that are not finite, or an activation that collapses a segment.
     """
     activation = check_activation(trunk, activation)
-    head = np.asarray(head, dtype=float)
+    head = real_array(head, "head")
     if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
         raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
+    if np.abs(head).max(initial=0.0) > FULL_TURN:
+        raise InputError(f"head: expected radians, got {np.abs(head).max():g}; is that in degrees?")
     zeta = strains(trunk, activation)[..., 0]
     if np.any(zeta <= 0) and not allow_collapse:
         worst = np.unravel_index(np.argmin(zeta), zeta.shape)[:-1]
@@ -127,17 +133,11 @@ def check_mesh(mesh: Mesh, trunk: Trunk, loads: Sequence[Loads]) -> None:
         )
 
 
-def check_map_arguments(
-    trunk: Trunk, loads: Loads, at: Sequence[float], steps: int, threads: int
-) -> None:
+def check_map_arguments(trunk: Trunk, at: Sequence[float], steps: int, threads: int) -> None:
     """Raise InputError for invalid arguments of a `ShapeMap`."""
-    for name, value, kind in (("trunk", trunk, Trunk), ("loads", loads, Loads)):
-        if not isinstance(value, kind):
-            raise InputError(f"{name}: expected one {kind.__name__}, got {type(value).__name__}.")
-    for name, number in (("steps", steps), ("threads", threads)):
-        if not isinstance(number, int | np.integer) or number < 1:
-            raise InputError(f"{name} = {number!r}: expected a whole number from 1 on.")
-    points = np.asarray(at, dtype=float)
+    check(int(steps), "elements", "steps")
+    check(int(threads), "processes", "threads")
+    points = real_array(at, "at")
     if points.ndim != 1:
         raise InputError(f"at = {at!r}: expected a list of points Z in m.")
     points_on(trunk, points)

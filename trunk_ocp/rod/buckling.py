@@ -31,6 +31,7 @@ from typing import Self
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import check_activation
@@ -68,7 +69,10 @@ class Stability:
         return np.asarray(self.margin > NEUTRAL_MARGIN)
 
 
-def stability(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> Stability:
+@check_arguments
+def buckling_margin(
+    shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]
+) -> Stability:
     """Stability of equilibria (...) as `solve_statics` returned them for the other arguments.
 
     y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._support.arguments import real_array
 from ..errors import InputError
 from ..model.activation import mean_extension, segment_at, stiffness
 from ..model.anatomy import Trunk
@@ -125,10 +126,7 @@ class Shape:
         return np.einsum("nd,...ndc->...nc", weights, self.slopes[..., element, :, :])
 
     def _locate(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        try:
-            points = np.atleast_1d(np.asarray(Z, dtype=float))
-        except (TypeError, ValueError):
-            points = np.zeros((0, 0))
+        points = np.atleast_1d(real_array(Z, "Z"))
         if points.ndim != 1:
             raise InputError(f"Z = {Z!r}: expected points of the trunk in m, one number or (n,).")
         return self.mesh.locate(points_on(self.trunk, points))

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from ..errors import StaticsError, TrunkError
 from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
@@ -72,6 +73,7 @@ class ShapeMap:
     for stability. To follow one, raise the load or the activation gradually, with `start`.
     """
 
+    @check_arguments
     def __init__(
         self,
         trunk: Trunk,
@@ -82,7 +84,7 @@ class ShapeMap:
         strict: bool = True,
     ) -> None:
         loads = Loads() if loads is None else loads
-        check_map_arguments(trunk, loads, at, steps, threads)
+        check_map_arguments(trunk, at, steps, threads)
         self.trunk, self.loads, self.threads, self.strict = trunk, loads, threads, strict
         self._kernels, self._halvings = _kernels(), MAX_HALVINGS
         edges = mesh_for(trunk, self.loads.contact_from, steps, degree=1).edges

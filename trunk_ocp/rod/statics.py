@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError, StaticsError
 from ..model.anatomy import Trunk
@@ -28,6 +29,7 @@ MAX_DEFECT = 1e-5  # of a shape that counts as resolved; see Shape.defect
 UNRESOLVED_DEFECT = 0.95  # of a shape whose frames have shrunk to nothing, which no rod has
 
 
+@check_arguments
 @deferred_interrupts()
 def solve_statics(
     trunk: Trunk,

@@ -12,6 +12,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
+from .._support.arguments import check_arguments
 from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError
 from ..model.activation import segment_at, segment_fractions, strain_matrix
@@ -26,6 +27,7 @@ from .rod_batch import RodBatch, evaluate
 from .shape import Shape
 
 
+@check_arguments
 @deferred_interrupts()
 def tip_jacobian(
     shape: Shape, activation: np.ndarray, head: np.ndarray | tuple[float, float], loads: Loads

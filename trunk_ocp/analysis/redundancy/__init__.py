@@ -1,29 +1,28 @@
-"""Which of the muscles' work a motion determines, and which is a choice.
+"""Which part of the muscles' work a motion determines, and which part is a choice.
 
-Activation enters a segment's shape through four numbers, by 8 or 10 muscles. What is left is
-found exactly: ranges by linear programs, the best of all choices by convex ones.
+Activation enters the shape of a segment through four numbers, made by 8 or 10 muscles. The freedom
+that remains is computed exactly: ranges by linear programs, the best choices by convex programs.
 """
 
-from .needed import AblationResult, motion_without, needed, pairs
-from .ranges import NARROW, Freedom, freedom, ranges
-from .report import Redundancy, redundancy, report
-from .variants import can_be_off, fewest_muscles, least_cost, least_effort, least_peak
+from .ablation import AblationResult, ablate_muscles, left_right_pairs, motion_without
+from .activation_ranges import NARROW_RANGE, Freedom, feasible_ranges, muscle_freedom
+from .alternatives import can_be_off, fewest_muscles, least_cost, least_effort, least_peak
+from .report import Redundancy, analyze_redundancy
 
 __all__ = [
-    "NARROW",
+    "NARROW_RANGE",
     "AblationResult",
     "Freedom",
     "Redundancy",
+    "ablate_muscles",
+    "analyze_redundancy",
     "can_be_off",
+    "feasible_ranges",
     "fewest_muscles",
-    "freedom",
     "least_cost",
     "least_effort",
     "least_peak",
+    "left_right_pairs",
     "motion_without",
-    "needed",
-    "pairs",
-    "ranges",
-    "redundancy",
-    "report",
+    "muscle_freedom",
 ]

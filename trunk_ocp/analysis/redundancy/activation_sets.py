@@ -1,9 +1,9 @@
-"""All activations that leave a planned motion as it is: polytopes, one for each segment.
+"""All activations that leave a planned motion unchanged: polytopes, one for each segment.
 
-Activation enters the rod through four strain numbers a segment, linear in the activations
-(`strain_matrix`). Two activations with the same strains have the same shape under any load, so
-those that keep a planned shape solve four linear equations for each segment and step, within
-the bounds. Segments share no muscle; time steps are joined by bounds on change alone.
+Activation enters the rod through four strains per segment, linear in the activations
+(`strain_matrix`). Two activations with the same strains give the same shape under any load, so
+those that keep a planned shape satisfy four linear equations for each segment and step, within
+the bounds. Segments share no muscle; time steps are coupled only by bounds on change.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from ...model.activation import strain_matrix
 from ...planning.plan import Plan
 from ...problem.motion import allowed
 
-ACCURACY = 1e-9  # of the linear programs, in activations
-ROUND_OFF = 1e-10  # of the strongest effect on strains, that counts as none
+LP_TOL = 1e-9  # of the linear programs, in activations
+NO_EFFECT = 1e-10  # singular values below this fraction of the largest are round-off
 
 
 @dataclass(frozen=True, eq=False)
 class ActivationSet:
-    """Activations of one segment at consecutive steps that leave the planned strains.
+    """Activations of one segment at consecutive steps that keep the planned strains.
 
     The set {z : strain @ z = target, least <= change @ z <= most, lower <= z <= upper} of
     vectors z (n,), n = steps * muscles, step by step.
@@ -38,9 +38,9 @@ class ActivationSet:
     steps, muscles : (steps,), (muscles,)
         Indices into the plan's activations.
     matrix : (rank, muscles)
-        Orthonormal rows that fix the strains of one step; of rank 4, as a rule.
+        Orthonormal rows that fix the strains of one step; usually of rank 4.
     difference : (n, n)
-        Change from the step before; the first step's is z itself, the change from rest.
+        Change from the previous step; for the first step z itself, the change from rest.
     bounded : (k,)
         Rows of `difference` that have bounds.
     """
@@ -77,27 +77,26 @@ class ActivationSet:
         return z.reshape(len(self.steps), len(self.muscles))
 
     def without(self, off: np.ndarray) -> ActivationSet:
-        """The part of the set, maybe none, in which some of the plan's muscles stay at rest."""
-        silent = np.tile(np.isin(self.muscles, off), len(self.steps))
+        """The part of the set, possibly empty, in which some of the plan's muscles rest."""
+        resting = np.tile(np.isin(self.muscles, off), len(self.steps))
         return replace(
             self,
-            lower=np.where(silent, np.maximum(self.lower, 0.0), self.lower),
-            upper=np.where(silent, np.minimum(self.upper, 0.0), self.upper),
+            lower=np.where(resting, np.maximum(self.lower, 0.0), self.lower),
+            upper=np.where(resting, np.minimum(self.upper, 0.0), self.upper),
         )
 
 
-def fibers(plan: Plan, joint: bool) -> list[ActivationSet]:
-    """Sets of activations with the plan's shapes, whose product is all there are.
+def shape_preserving_sets(plan: Plan, joint: bool) -> list[ActivationSet]:
+    """Sets whose product contains all activations that give the plan's shapes.
 
-    Bounds are those the plan itself has to keep (`verify`): in a sequential plan, near the
-    auxiliary solutions of appendix B. Where the plan exceeds one by round-off, it counts as
-    kept.
+    The bounds are those that the plan itself must keep (`verify`): in a sequential plan, near the
+    auxiliary solutions of appendix B. They are widened where the plan exceeds them by round-off.
 
     Parameters
     ----------
     joint : bool
-        Whether the bounds on change hold, so that a set spans all steps; otherwise each step
-        has its own.
+        Whether the bounds on change apply, so that a set spans all steps; otherwise there is one
+        set for each step.
 
     Raises
     ------
@@ -112,38 +111,40 @@ def fibers(plan: Plan, joint: bool) -> list[ActivationSet]:
     count = len(plan.x)
     runs = [np.arange(count)] if joint else [np.array([t]) for t in range(count)]
     segments = range(plan.motion.trunk.segments)
-    found = [_fiber(plan, segment, steps, joint) for segment in segments for steps in runs]
-    return [fiber for fiber in found if len(fiber.muscles)]
+    regions = [
+        _segment_region(plan, segment, steps, joint) for segment in segments for steps in runs
+    ]
+    return [region for region in regions if len(region.muscles)]
 
 
-def chains(fiber: ActivationSet) -> list[ActivationSet]:
-    """A set over all steps as a product: cut between steps that no bound on change joins."""
-    size = len(fiber.muscles)
-    joined = np.zeros(len(fiber.steps), dtype=bool)
-    joined[fiber.bounded // size] = True
+def independent_parts(region: ActivationSet) -> list[ActivationSet]:
+    """A set over all steps as a product: split where no bound on change couples two steps."""
+    size = len(region.muscles)
+    joined = np.zeros(len(region.steps), dtype=bool)
+    joined[region.bounded // size] = True
     starts = [0, *(t for t in range(1, len(joined)) if not joined[t]), len(joined)]
-    return [_cut(fiber, a, b) for a, b in pairwise(starts)]
+    return [_cut(region, a, b) for a, b in pairwise(starts)]
 
 
-def _cut(fiber: ActivationSet, first: int, last: int) -> ActivationSet:
-    """Steps first to last - 1 of a set, if no bound on change joins them to the others."""
-    rank, size = fiber.matrix.shape
+def _cut(region: ActivationSet, first: int, last: int) -> ActivationSet:
+    """Steps first to last - 1 of a set, which no bound on change couples to the others."""
+    rank, size = region.matrix.shape
     a, b = first * size, last * size
-    inside = (fiber.bounded >= a) & (fiber.bounded < b)
+    inside = (region.bounded >= a) & (region.bounded < b)
     return replace(
-        fiber,
-        steps=fiber.steps[first:last],
-        target=fiber.target[rank * first : rank * last],
-        difference=fiber.difference[a:b, a:b],
-        bounded=fiber.bounded[inside] - a,
-        least=fiber.least[inside],
-        most=fiber.most[inside],
-        lower=fiber.lower[a:b],
-        upper=fiber.upper[a:b],
+        region,
+        steps=region.steps[first:last],
+        target=region.target[rank * first : rank * last],
+        difference=region.difference[a:b, a:b],
+        bounded=region.bounded[inside] - a,
+        least=region.least[inside],
+        most=region.most[inside],
+        lower=region.lower[a:b],
+        upper=region.upper[a:b],
     )
 
 
-def _fiber(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> ActivationSet:
+def _segment_region(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> ActivationSet:
     motion = plan.motion
     trunk = motion.trunk
     muscles = np.flatnonzero([muscle.segment == segment for muscle in trunk.subdomains])
@@ -176,17 +177,17 @@ def _fiber(plan: Plan, segment: int, steps: np.ndarray, joint: bool) -> Activati
 def _rows(A: np.ndarray, radius: float) -> np.ndarray:
     """Orthonormal rows (rank, muscles) that fix a segment's strains A (4, muscles) @ gamma.
 
-    Curvatures count times the base radius (m), to compare with extensions. What is round-off,
-    such as the effect of muscles that cannot twist on twist, asks for nothing.
+    Curvatures are multiplied by the base radius (m), to be comparable with extensions. Rows of
+    round-off, such as twist of muscles that cannot twist, are dropped.
     """
     _, sizes, rows = np.linalg.svd(A * np.array([1.0, radius, radius, radius])[:, None])
-    kept: np.ndarray = rows[: len(sizes)][sizes > ROUND_OFF * sizes.max(initial=0.0)]
+    kept: np.ndarray = rows[: len(sizes)][sizes > NO_EFFECT * sizes.max(initial=0.0)]
     return kept
 
 
 def minimize(parts: Sequence[tuple[np.ndarray, ActivationSet]]) -> list[np.ndarray]:
-    """Points z (n,) of sets at which linear costs (n,) are least: one sparse nlp for all."""
-    sets = [fiber for _, fiber in parts]
+    """Points z (n,) of sets that minimize linear costs (n,): one sparse program for all."""
+    sets = [region for _, region in parts]
     inequalities = sp.block_diag([sp.vstack([f.change, -f.change]) for f in sets], format="csr")
     result = linprog(
         np.concatenate([cost for cost, _ in parts]),
@@ -196,8 +197,8 @@ def minimize(parts: Sequence[tuple[np.ndarray, ActivationSet]]) -> list[np.ndarr
         b_eq=np.concatenate([f.target for f in sets]),
         bounds=np.concatenate([np.stack([f.lower, f.upper], axis=1) for f in sets]),
         method="highs",
-        options={"primal_feasibility_tolerance": ACCURACY, "dual_feasibility_tolerance": ACCURACY},
+        options={"primal_feasibility_tolerance": LP_TOL, "dual_feasibility_tolerance": LP_TOL},
     )
-    if result.status != 0:  # each set has the plan in it, and bounds
+    if result.status != 0:  # impossible: each set is bounded and contains the plan
         raise AssertionError(f"a linear program failed: {result.message}")
     return np.split(result.x, np.cumsum([len(cost) for cost, _ in parts])[:-1])

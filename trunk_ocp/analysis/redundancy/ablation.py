@@ -1,4 +1,4 @@
-"""Which muscles a task needs: take one away, plan again, and see how much worse it gets."""
+"""Ablation: plan a motion again without one muscle, and compare the costs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._support.process_pool import run
+from ..._support.process_pool import run_tasks
 from ...errors import InputError
 from ...planning.options import Options
 from ...planning.plan import Plan
@@ -15,23 +15,23 @@ from ...planning.planner import plan_motion
 from ...problem.motion import Motion
 from ...problem.variants import silenced_spec
 from ...reporting import Reporter
-from ..measures import measure
-from .variants import can_be_off, least_cost
+from ..measures import plan_measures
+from .alternatives import can_be_off, least_cost
 
-CHEAP = 1.01
-"""Ratio of costs up to which the planned shapes will do, without planning others."""
+CHEAP_RATIO = 1.01
+"""Ratio of costs up to which the planned shapes are kept and no new plan is made."""
 
 
 @dataclass(frozen=True)
 class AblationResult:
-    """What a motion is like without some muscles.
+    """One motion without some muscles.
 
     Attributes
     ----------
     muscles : tuple of str
-        Those taken away.
+        The muscles removed.
     spare : bool
-        Whether the others can keep every shape of the plan.
+        Whether the other muscles can keep every shape of the plan.
     status : str
         Name of the plan's `Status`, in lower case.
     planner_objective, paper_objective : float
@@ -54,84 +54,83 @@ class AblationResult:
     worst_direction_error: float
 
 
-Progress = Callable[[int, int, AblationResult], None]
+OnResult = Callable[[int, int, AblationResult], None]
 
 
-def needed(
+def ablate_muscles(
     plan: Plan,
     without: Sequence[tuple[str, ...]] | None = None,
-    workers: int | None = None,
-    progress: Progress | None = None,
+    processes: int | None = None,
+    progress: OnResult | None = None,
     reporter: Reporter | None = None,
 ) -> tuple[AblationResult, ...]:
-    """How much worse a motion gets without a muscle.
+    """How much worse a motion gets without each muscle.
 
-    A muscle that can be off at the planned shapes costs no target anything, and no more than
-    the effort of its substitutes. If that is more than `CHEAP`, or if there are none, the motion
-    is planned again as a horizon that starts from there: a local optimum, so an upper bound on
-    the loss.
+    Where other muscles can keep the planned shapes, removing a muscle costs only the effort of its
+    substitutes. If the cost then exceeds `CHEAP_RATIO`, or the shapes cannot be kept, the motion is
+    planned again as a horizon from that start: a local optimum, so an upper bound on the loss.
 
     Parameters
     ----------
     plan : Plan
         A verified plan of all time steps within the horizon's bounds.
     without : sequence of tuples of muscle names, optional
-        What to take away at a time; by default each muscle by itself.
-    workers : int, optional
-        Processes; by default one for each core that this process may use. 1: in this process.
+        The muscles to remove in each run; by default one muscle at a time.
+    processes : int, optional
+        By default one for each core that this process may use; 1 computes in this process.
     progress : callable, optional
-        Called with (done, total, result) after each.
+        Called with (done, total, result) after each run.
     reporter : Reporter, optional
-        Its `stop` ends all, with KeyboardInterrupt.
+        Its `stop` ends all runs with KeyboardInterrupt.
 
     Raises
     ------
     InputError
-        If the plan is not verified, follows auxiliary solutions, or a name is unknown.
+        If the plan is not verified or follows auxiliary solutions, or a name is unknown.
     """
     if plan.auxiliary:
         raise InputError(
-            f"{plan.motion.name}, {plan.mode}: follows auxiliary solutions, which other muscles "
-            "would change; expected a horizon plan."
+            f"{plan.motion.name}, {plan.mode}: follows auxiliary solutions, which depend on all "
+            "muscles; expected a horizon plan."
         )
     tasks = list(without or ((name,) for name in plan.motion.trunk.muscles))
     reference = plan.objective.total
-    found: dict[int, AblationResult] = {}
+    results: dict[int, AblationResult] = {}
 
-    def note(number: int, need: AblationResult) -> None:
-        found[number] = need
+    def note(number: int, result: AblationResult) -> None:
+        results[number] = result
         if progress is not None:
-            progress(len(found), len(tasks), need)
+            progress(len(results), len(tasks), result)
 
-    hard: dict[int, Plan] = {}  # and where to start from
+    starts: dict[int, Plan] = {}  # of the runs that need a new plan
     for number, muscles in enumerate(tasks):
         if reporter is not None and reporter.stop:
             raise KeyboardInterrupt
         spare = can_be_off(plan, muscles)
         start = least_cost(plan, off=muscles) if spare else plan
-        if spare and start.objective.total <= CHEAP * plan.objective.total:
-            note(number, _need(muscles, True, start, reference))
+        if spare and start.objective.total <= CHEAP_RATIO * plan.objective.total:
+            note(number, _result(muscles, True, start, reference))
         else:
-            hard[number] = start
-    numbers = [*hard]
-    run(
+            starts[number] = start
+    numbers = [*starts]
+    run_tasks(
         _replanned,
-        [(start, tasks[n], start is not plan, reference) for n, start in hard.items()],
-        workers,
+        [(start, tasks[n], start is not plan, reference) for n, start in starts.items()],
+        processes,
         reporter,
-        found=lambda place, need: note(numbers[place], need),
+        on_result=lambda place, result: note(numbers[place], result),
     )
-    return tuple(found[number] for number in range(len(tasks)))
+    return tuple(results[number] for number in range(len(tasks)))
 
 
 def _replanned(
     start: Plan, muscles: tuple[str, ...], spare: bool, reference: float, reporter: Reporter
 ) -> AblationResult:
-    """Plan again without some muscles, from a plan that may still use them."""
+    """Plan again without some muscles, starting from a plan that may still use them."""
     motion = motion_without(start.motion, muscles)
     options = Options(weights=start.weights)
     again = plan_motion(motion, None, options, reporter, start, throw=False)
-    return _need(muscles, spare, again, reference)
+    return _result(muscles, spare, again, reference)
 
 
 def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
@@ -139,16 +138,16 @@ def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
     return motion.with_spec(silenced_spec(motion.spec, muscles))
 
 
-def pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:
-    """Muscles with their mirror images: names that differ in the side only, together."""
-    found: dict[str, list[str]] = {}
+def left_right_pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:
+    """Muscles grouped with their mirror images: names that differ only in the side."""
+    groups: dict[str, list[str]] = {}
     for muscle in motion.trunk.subdomains:
-        found.setdefault(f"{muscle.segment} {muscle.group}", []).append(muscle.name)
-    return tuple(tuple(names) for names in found.values())
+        groups.setdefault(f"{muscle.segment} {muscle.group}", []).append(muscle.name)
+    return tuple(tuple(names) for names in groups.values())
 
 
-def _need(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float) -> AblationResult:
-    figures = measure(plan)
+def _result(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float) -> AblationResult:
+    figures = plan_measures(plan)
     return AblationResult(
         muscles=muscles,
         spare=spare,
