@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import logging
 import sys
 import warnings
 from collections.abc import Callable
@@ -17,9 +16,6 @@ from .error_messages import report_internal_error, report_interrupt, report_user
 from .exit_codes import INTERRUPTED, SUCCESS
 from .interrupts import Interrupts, ignore_signals_at_exit, show_cursor
 from .safe_streams import safe_streams
-
-# Where matplotlib cannot write its settings, it warns about the temporary folder it uses instead.
-logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 class Command(click.Command):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,10 @@ from ..errors import TrunkError
 from .exit_codes import BAD_INPUT, INTERNAL_ERROR, INTERRUPTED
 
 PACKAGE = Path(__file__).parent.parent
+
+# matplotlib warns about missing fonts and unwritable settings that it replaces by itself. Set here,
+# as processes that only draw import this module, too.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 def report_user_error(error: TrunkError | OSError | MemoryError) -> int:
