@@ -58,8 +58,7 @@ def run_solve(
     resume_command: str,
 ) -> None:
     """Plan a motion, save and show the plans, and exit with the code of the worst one."""
-    output = standard_output()
-    console = Console(file=output, quiet=quiet or as_json, highlight=False)
+    console = Console(file=standard_output(), quiet=quiet or as_json, highlight=False)
     interrupts = Interrupts.current or Interrupts()
     interrupts.hint = f"Resume with: {resume_command}"
     motion = load_motion(problem)
@@ -89,20 +88,19 @@ def run_solve(
     if not finished:
         print_plain(console, interrupts.hint)
     print_plain(console, f"Results are in {folder}/")
-    if quiet:
-        _report_unsolved(plans)
-    if as_json:
-        reports = {plan_folder(plan): summary(plan) for plan in plans}
-        click.echo(json.dumps(reports, indent=2), file=output)
+    _report(plans, quiet, as_json)
     codes = [plan.status.exit_code for plan in plans]
     sys.exit(INTERRUPTED if interrupts.received else max(codes))
 
 
-def _report_unsolved(plans: list[Plan]) -> None:
-    """Name plans that are not solved on standard error."""
-    for plan in plans:
+def _report(plans: list[Plan], quiet: bool, as_json: bool) -> None:
+    """Print the summary as JSON; if quiet, name plans that are not solved on standard error."""
+    for plan in plans if quiet else []:
         if plan.status is not Status.SOLVED:
             click.echo(f"{plan.motion.name}, {plan.mode}: {plan.status.value}", err=True)
+    if as_json:
+        reports = {plan_folder(plan): summary(plan) for plan in plans}
+        click.echo(json.dumps(reports, indent=2), file=standard_output())
 
 
 # --- planning ------------------------------------------------------------------------------
