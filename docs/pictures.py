@@ -6,13 +6,13 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from conventions import draw_conventions
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from PIL import Image
 
 import trunk_ocp as to
 from trunk_ocp.figures import style
-from trunk_ocp.figures.conventions import draw_conventions
 from trunk_ocp.figures.film import Stage
 from trunk_ocp.figures.muscles import ACTIVATION, VIEWS
 from trunk_ocp.figures.projection import frame

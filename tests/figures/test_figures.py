@@ -17,12 +17,12 @@ from matplotlib.image import imread
 from matplotlib.patches import StepPatch
 from plans import MOTIONS, POINT, REACH, ROD, TOUCH, arm, first_steps, planned, written
 
+from docs import conventions
 from trunk_ocp._support.wording import rounded
 from trunk_ocp.figures import (
     activations,
     anatomy,
     comparison,
-    conventions,
     draw,
     draw_anatomy,
     draw_comparison,

@@ -11,15 +11,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch
 
-from ..model.anatomy import Trunk
-from ..rod.shape import Shape
-from ..rod.statics import solve_statics
-from ..scene.body import core_body, disc, frames, muscle_body, round_body
-from ..scene.colors import group_colors
-from ..scene.surroundings import head_sphere
-from . import style
-from .anatomy import draw_section
-from .projection import ABOVE, FRONT, SIDE, Surface, View, extent, facets_of, frame, paint
+from trunk_ocp.figures import style
+from trunk_ocp.figures.anatomy import draw_section
+from trunk_ocp.figures.projection import (
+    ABOVE,
+    FRONT,
+    SIDE,
+    Surface,
+    View,
+    extent,
+    facets_of,
+    frame,
+    paint,
+)
+from trunk_ocp.model.anatomy import Trunk
+from trunk_ocp.rod.shape import Shape
+from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.scene.body import core_body, disc, frames, muscle_body, round_body
+from trunk_ocp.scene.colors import group_colors
+from trunk_ocp.scene.surroundings import head_sphere
 
 HEAD_ANGLE = np.radians(25.0)
 CONTRACTION = -1.0
