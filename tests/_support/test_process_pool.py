@@ -134,7 +134,7 @@ SCRIPT = """
 import trunk_ocp as to
 from trunk_ocp.analysis.study_tasks import plan_of
 from trunk_ocp._support.process_pool import run_tasks
-from trunk_ocp.planning.state import Options
+from trunk_ocp.planning.options import Options
 motion = to.load_motion({path!r})
 plans = run_tasks(plan_of, [(motion, 1, Options(), None)] * 2, 2)
 print([plan.status.name for plan in plans])

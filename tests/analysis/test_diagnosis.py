@@ -300,7 +300,7 @@ def test_a_shallow_look_does_not_solve(ends):
 def test_contradicting_bounds_are_named(ends):
     contradiction, failure = explain(ends[Status.INFEASIBLE]).findings[:2]
     assert "no nearby point satisfies the constraints better" in failure.what
-    assert failure.details[0].startswith("step 1: extension of segment ")
+    assert failure.details[0].startswith("step 1: extension ")
     assert "least extension of segment 1 (step 1): from 1.2 to 0.9999" in contradiction.details
 
 
@@ -432,7 +432,7 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
             Status.INFEASIBLE,
             ["step 1", "segment 1", "allowed 1.2 to 1.35", "constraints violated by"],
         ),
-        (Status.ITERATION_LIMIT, ["--max-iterations", "slope left"]),
+        (Status.ITERATION_LIMIT, ["--max-iterations", "optimality error"]),
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
         (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),

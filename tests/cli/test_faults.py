@@ -291,7 +291,7 @@ def test_an_interrupted_run_is_saved_and_resumed(problem, whole, tmp_path, momen
     assert (ended.returncode, ended.stderr) == (4, "")
     assert "Stopping" in ended.stdout
     command = f"solve-motion {problem} --mode both --out {tmp_path} --no-figures --resume"
-    assert ended.stdout.count("--resume") == ended.stdout.count(f"Resume with: {command}\n") == 1
+    assert ended.stdout.count(f"Resume with: {command}\n") == 1
     assert load_plan(tmp_path / "sequential", throw=False).interrupted
     assert leftovers(tmp_path) == [checkpoint.FILE]
     assert run(*options, "--resume").exit_code == 0

@@ -284,8 +284,8 @@ def test_a_trunk_that_its_weight_crushes_is_told_by_its_passive_tip(tmp_path):
 
 
 def test_a_rod_that_coils_without_end_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(two_point, "MOST_SLOPES", 10)
-    monkeypatch.setattr(verification, "MOST_SLOPES", 10)
+    monkeypatch.setattr(two_point, "MAX_RATES", 10)
+    monkeypatch.setattr(verification, "MAX_SLOPES", 10)
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), throw=False)
     assert plan.status is Status.UNVERIFIED
     assert np.isnan(plan.verification.position_difference).all()

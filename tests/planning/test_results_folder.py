@@ -212,7 +212,7 @@ def test_an_unfinished_run_of_another_problem_is_called_so(here):
 def test_a_folder_that_cannot_be_is_refused_with_where(here):
     result = run(written(here, TOUCH), "--out", "/proc/x")
     assert result.exit_code == 2
-    assert "no folder can be made in /proc" in result.stderr
+    assert "no folder can be created in /proc" in result.stderr
 
 
 def test_what_was_moved_aside_before_is_never_replaced(here):
@@ -305,7 +305,7 @@ def test_a_motion_of_any_length_has_a_bounded_number_of_rows(end):
 
 
 def test_a_motion_of_thirty_years_is_converted(here, monkeypatch):
-    monkeypatch.setattr(opensim, "MOST", 1000)  # as many would take seconds to write
+    monkeypatch.setattr(opensim, "MAX_ROWS", 1000)  # as many would take seconds to write
     text = TOUCH.replace("duration = 1.0", "duration = 1e9")
     out = here / "out"
     assert run(written(here, text), "--out", out).exit_code == 0

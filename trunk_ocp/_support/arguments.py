@@ -39,6 +39,7 @@ EXPECTED = {
     np.ndarray: "an array of real numbers",
     Callable: "a function",
 }
+ITEMS: dict[Any, str] = {float: "numbers", int: "whole numbers", str: "strings"}
 _hints: Callable[[Any], dict[str, Any]] = cache(
     get_type_hints
 )  # at the first check, when every name in them is defined
@@ -112,7 +113,8 @@ def _expected(kind: Any) -> str:
     if kind in EXPECTED or origin in EXPECTED:
         return EXPECTED.get(kind) or EXPECTED[origin]
     if issubclass(origin, Iterable):
-        return "a sequence"
+        items = ITEMS.get(next(iter(get_args(kind)), object))
+        return f"a sequence of {items}" if items else "a sequence"
     article = "an" if origin.__name__[0] in "AEIOU" else "a"
     return f"{article} {origin.__name__}"
 

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._support.ranges import shown
 from ..errors import InputError
 from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
@@ -235,7 +236,9 @@ def build_model(
             f"points ({19 * MAX_POINTS} outputs). Export twice, or interpolate between them."
         )
     if not MIN_ELEMENTS <= elements <= MAX_ELEMENTS:
-        raise InputError(f"--elements {elements}: expected {MIN_ELEMENTS} to {MAX_ELEMENTS}.")
+        raise InputError(
+            f"--elements {shown(elements)}: expected {MIN_ELEMENTS} to {MAX_ELEMENTS}."
+        )
     return Model(trunk, Z, Loads() if loads is None else loads, elements)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from .._support.arguments import check_arguments
 from .._support.toml_files import is_file, read_toml, shipped
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
@@ -27,6 +28,7 @@ def problems_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "problems"
 
 
+@check_arguments
 def load_motion(name_or_path: str | Path) -> Motion:
     """Read a motion: a shipped name ("pick-fruit") or a path to a problem file.
 

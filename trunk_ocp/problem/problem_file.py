@@ -42,31 +42,26 @@ class HeldSpec(Strict):
     held_from_step: PositiveInt = Field(description=STEP)
 
 
-Direction = Annotated[Vec3 | HeldSpec | None, Field(description="wanted direction of a director")]
-
 WayPoint = Annotated[tuple[Number, ...], MinLen(3), MaxLen(4)]
 """[x, y, z] in m, or [t, x, y, z] with t in s from the start of the phase."""
 WayPoints = Annotated[tuple[WayPoint, ...], MinLen(2), MaxLen(MAX_WAY_POINTS)]
-Through = Annotated[
-    WayPoints | None,
-    Field(
-        description="way points on a smooth curve followed over the phase: rows [t, x, y, z] with "
-        "t in s from the start of the phase, or [x, y, z] at equal time intervals"
-    ),
-]
-Path = Annotated[
-    tuple[Vec3, ...] | None,
-    Field(
-        min_length=2,
-        max_length=MAX_CONTROL_POINTS,
-        description="Bezier control points, m; the curve is followed over the phase (eq. 53) and "
-        "passes through the first and last point only",
-    ),
-]
-OriginOf = Annotated[Origin, Field(description="what positions are measured from")]
-Weight = Annotated[NonNegative, Field(description="weight of this error in the objective")]
-HeadZ = Annotated[Pair | None, Field(description="bounds of the head angle psi_Z, degrees")]
-HeadY = Annotated[Pair | None, Field(description="bounds of the head angle psi_Y, degrees")]
+ControlPoints = Annotated[tuple[Vec3, ...], MinLen(2), MaxLen(MAX_CONTROL_POINTS)]
+
+# Descriptions that several keys share. The types above hold no Field: before pydantic 2.11.5 the
+# default of one key became that of every key with the same Field.
+THROUGH = (
+    "way points on a smooth curve followed over the phase: rows [t, x, y, z] with t in s from the "
+    "start of the phase, or [x, y, z] at equal time intervals"
+)
+PATH = (
+    "Bezier control points, m; the curve is followed over the phase (eq. 53) and passes through "
+    "the first and last point only"
+)
+ORIGIN = "what positions are measured from"
+WEIGHT = "weight of this error in the objective"
+DIRECTION = "wanted direction of a director"
+HEAD_Z = "bounds of the head angle psi_Z, degrees"
+HEAD_Y = "bounds of the head angle psi_Y, degrees"
 
 
 def _check_rows(rows: tuple[WayPoint, ...]) -> None:
@@ -108,16 +103,16 @@ class TargetSpec(Strict):
 
     Z: NonNegative = Field(description="point of the trunk, m from the base")
     position: Vec3 | None = Field(default=None, description="wanted position of the point, m")
-    path: Path = None
-    through: Through = None
-    origin: OriginOf = "base"
-    position_weight: Weight = 1.0
-    d1: Direction = None
-    d2: Direction = None
-    d3: Direction = None
-    d1_weight: Weight = 1.0
-    d2_weight: Weight = 1.0
-    d3_weight: Weight = 1.0
+    path: ControlPoints | None = Field(default=None, description=PATH)
+    through: WayPoints | None = Field(default=None, description=THROUGH)
+    origin: Origin = Field(default="base", description=ORIGIN)
+    position_weight: NonNegative = Field(default=1.0, description=WEIGHT)
+    d1: Vec3 | HeldSpec | None = Field(default=None, description=DIRECTION)
+    d2: Vec3 | HeldSpec | None = Field(default=None, description=DIRECTION)
+    d3: Vec3 | HeldSpec | None = Field(default=None, description=DIRECTION)
+    d1_weight: NonNegative = Field(default=1.0, description=WEIGHT)
+    d2_weight: NonNegative = Field(default=1.0, description=WEIGHT)
+    d3_weight: NonNegative = Field(default=1.0, description=WEIGHT)
 
     @model_validator(mode="after")
     def _consistent(self) -> TargetSpec:
@@ -144,9 +139,9 @@ class WrapSpec(Strict):
     log_radius: Positive = Field(description="radius of the log, m")
     angles_deg: Pair = Field(description="angles of both ends on the log, from e_Z about e_Y")
     center: Vec3 | None = Field(default=None, description="center of the log, m")
-    path: Path = None
-    through: Through = None
-    origin: OriginOf = "base"
+    path: ControlPoints | None = Field(default=None, description=PATH)
+    through: WayPoints | None = Field(default=None, description=THROUGH)
+    origin: Origin = Field(default="base", description=ORIGIN)
     position_weights: tuple[NonNegative, ...] = Field(
         description="weight of the position error at each point"
     )
@@ -251,8 +246,8 @@ class LimitsSpec(Strict):
         "override earlier ones",
         max_length=MAX_ENTRIES,
     )
-    head_z_deg: HeadZ = None
-    head_y_deg: HeadY = None
+    head_z_deg: Pair | None = Field(default=None, description=HEAD_Z)
+    head_y_deg: Pair | None = Field(default=None, description=HEAD_Y)
 
     @model_validator(mode="after")
     def _ordered(self) -> LimitsSpec:
