@@ -37,6 +37,7 @@ Job = tuple[Callable[..., T], tuple[Any, ...]]
 DoneCallback = Callable[[int, int], object]
 """Called with the number of finished tasks and of all tasks."""
 POLL_INTERVAL = 0.2  # s between checks whether the user wants to stop
+EXIT_TIMEOUT = 5.0  # s for workers to exit after an interrupt; they take milliseconds
 CGROUP = Path("/sys/fs/cgroup")
 
 
@@ -189,12 +190,17 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context("spawn")
     reader, writer = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(count, context, _start_worker, (reader,))
+    others = multiprocessing.active_children()
     try:
         yield pool
         pool.shutdown()
     finally:
         writer.close()  # workers that are still busy exit
-        pool.shutdown(cancel_futures=True)
+        # Once in some hundred interrupts the pool's own thread waits for workers that are gone.
+        pool.shutdown(wait=False, cancel_futures=True)
+        for worker in multiprocessing.active_children():
+            if worker not in others:
+                worker.join(EXIT_TIMEOUT)
         reader.close()
 
 
