@@ -70,14 +70,14 @@ study: venv  ## What foresight is worth: results/foresight, and docs/foresight.m
 examples: venv  ## The exported trunk in a control loop.
 	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
 
-bench: venv  ## Measure beside other codes, in 22 minutes; BENCH=--quick for three.
+bench: venv  ## Compare speed and accuracy with other programs, in 22 minutes; BENCH=--quick for 3.
 	$(BIN)/python $(PIP) exudyn nlopt pyelastica PyNomadBBO
 	$(BIN)/python -m benchmarks.run $(BENCH)
 
 schema: venv  ## Write the JSON Schema of problem files.
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json
 
-lock: venv  ## Pin all development tools anew, in requirements.lock.
+lock: venv  ## Update the pinned development tools in requirements.lock.
 	$(BIN)/python $(PIP) uv
 	$(BIN)/uv pip compile pyproject.toml --group dev --upgrade --universal --python-version 3.11 \
 	  --generate-hashes --no-annotate --quiet --custom-compile-command "make lock" \

@@ -141,7 +141,7 @@ def test_what_appendix_b_holds_near_an_unloaded_solution_is_told_apart():
 def test_what_is_told_goes_outwards_and_names_the_bound(tmp_path):
     for r in responses(planned_lift(None)):
         assert abs(r.moved) == pytest.approx(RELAXATION * abs(r.value), rel=1e-12)
-        if not r.name.startswith("extension"):  # outwards is away from 0, but for extension
+        if not r.name.startswith("extension"):  # outward is away from 0, but for extension
             assert np.sign(r.moved) == np.sign(r.value)
     low = {r.name: r for r in responses(planned_lift(None))}["extension of segment 1"]
     assert (low.value, low.moved) == (0.75, pytest.approx(-0.0075))

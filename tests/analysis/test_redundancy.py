@@ -355,7 +355,7 @@ def test_every_version_is_the_same_motion_within_its_bounds(version, mode):
 
 
 def test_least_effort_has_multipliers():
-    """Karush, Kuhn and Tucker: -z is a sum of normals of the active bounds, pointing outwards."""
+    """Karush, Kuhn and Tucker: -z is a sum of normals of the active bounds, pointing outward."""
     plan = lift()
     z, (lower, upper), (least, most) = least_effort(plan).activations, boxes(plan), changes(plan)
     for segment in range(3):

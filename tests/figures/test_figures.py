@@ -321,7 +321,7 @@ def test_views_are_right_handed_and_bodies_closed():
     for facets in (cylinder(np.ones(3), 0.1, 0.5), ball(np.ones(3), 0.2)):
         normals = np.cross(facets[:, 2] - facets[:, 0], facets[:, 3] - facets[:, 1])
         np.testing.assert_allclose(normals.sum(axis=0), 0, rtol=0, atol=1e-12)
-        assert np.all(np.sum(normals * (facets.mean(axis=1) - 1), axis=1) >= 0)  # outwards
+        assert np.all(np.sum(normals * (facets.mean(axis=1) - 1), axis=1) >= 0)  # outward
 
 
 def test_muscles_are_colored_by_the_strength_of_their_activation():

@@ -137,6 +137,8 @@ def read_toml(path: Path, model: type[Model]) -> Model:
 def _toml_fault(error: tomllib.TOMLDecodeError, content: bytes) -> str:
     """The fault of a TOML file; for a repeated key, which one and where."""
     message = str(error)
+    if message.startswith("Cannot declare"):
+        return f"{message}; a section that may come several times takes two brackets, [[phases]]"
     if not message.startswith("Cannot overwrite a value"):
         return message
     lines = content.decode("utf-8-sig").rstrip().splitlines()
@@ -245,6 +247,13 @@ def _is_choice(part: str | int) -> bool:
     return isinstance(part, str) and ("[" in part or part.endswith("Spec"))
 
 
+MESSAGES = {
+    "tuple_type": "expected a list in brackets, such as [-2.0, 0.0]",
+    "string_pattern_mismatch": "expected letters, digits, '.', '_' and '-' only, without spaces",
+}
+"""For faults whose own message means little to users of files."""
+
+
 def _describe(fault: Any, model: type[BaseModel]) -> str:
     """One line for a pydantic fault: key, value, expectation."""
     key = _dotted(fault["loc"])
@@ -253,8 +262,10 @@ def _describe(fault: Any, model: type[BaseModel]) -> str:
         hint = _suggestion(str(fault["loc"][-1]), known) or f" Known here: {', '.join(known)}."
         return f"{key}: unknown key.{hint}"
     if fault["type"] == "missing":
+        if isinstance(fault["loc"][-1], int):
+            return f"{key}: missing; expected more entries, such as both of [lower, upper]."
         return f"{key}: missing; this key is required."
-    message = fault["msg"].removeprefix("Value error, ")
+    message = MESSAGES.get(fault["type"], fault["msg"].removeprefix("Value error, "))
     value = fault["input"]
     if fault["type"] == "too_long" and isinstance(value, list):
         message = f"expected at most {fault['ctx']['max_length']} entries, got {len(value)}"

@@ -37,7 +37,7 @@ REGULARIZATION = 1e-10
 
 @dataclass(frozen=True)
 class Response:
-    """First-order effect of moving one bound outwards by 1 % of its value (or from 0 by 0.01).
+    """First-order effect of moving one bound outward by 1 % of its value (or from 0 by 0.01).
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
 
 @dataclass
 class _Move:
-    """A bound to be moved outwards where it is active.
+    """A bound to be moved outward where it is active.
 
     `places` are unknowns, or constraints if `in_rows`; `shifts` are added to their bounds, in the
     NLP's units; `scale` converts these to the unit of `value`.
@@ -235,7 +235,7 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
 def effects(responses: tuple[Response, ...], length: float, most: int = MAX_EFFECTS) -> list[str]:
     """Effect of relaxing the strongest bounds a little, one sentence for each bound.
 
-    Effects that are negligible beside the trunk's length, in m, are left out.
+    Effects that are negligible compared with the trunk's length, in m, are left out.
     """
     sentences: dict[str, str] = {}
     for response in responses:

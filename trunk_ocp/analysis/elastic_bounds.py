@@ -78,7 +78,7 @@ class Excess:
     def __str__(self) -> str:
         bound = self.bound
         unit = f" {bound.unit}" if bound.unit else ""
-        to = outwards(bound.value + bound.sign * MARGIN * self.amount, bound.sign)
+        to = outward(bound.value + bound.sign * MARGIN * self.amount, bound.sign)
         return f"{bound.name} ({step_list(bound.steps)}): from {bound.value:.4g} to {to:.4g}{unit}"
 
 
@@ -103,14 +103,14 @@ def _of_change(excess: Excess, motion: Motion) -> str:
     bound = excess.bound
     phases = sorted({motion.steps[step - 1].phase + 1 for step in bound.steps})
     where = ", ".join(f"phases[{phase}]" for phase in phases)
-    to = outwards(abs(bound.value) + MARGIN * excess.amount, 1)
+    to = outward(abs(bound.value) + MARGIN * excess.amount, 1)
     return (
         f"change.activation of {where} ({step_list(bound.steps)}): from {abs(bound.value):.4g} to "
         f"{to:.4g}, for {bound.muscle}"
     )
 
 
-def outwards(value: float, sign: int) -> float:
+def outward(value: float, sign: int) -> float:
     """A value for a bound, rounded to four digits: down if the sign is negative, else up."""
     if value == 0:
         return 0.0

@@ -44,8 +44,8 @@ def one_sided(plan: Plan) -> str:
     if abs(turned) > HEAD_TURN_TOL:
         degrees = np.degrees(turned)
         sentence = (
-            f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would be as good; {sentence}; "
-            "head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
+            f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would be equally good; "
+            f"{sentence}; head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
         )
     return sentence
 

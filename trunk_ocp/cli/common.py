@@ -42,8 +42,8 @@ def load_run(run: str) -> tuple[Path, dict[Path, Plan]]:
         )
     if not solutions:
         raise InputError(
-            f"{run}: no finished run in {folder}/. Plan the motion first (solve-motion PROBLEM "
-            "--out DIR), or give the folder that has its results."
+            f"{run}: no finished run in {folder}/. Plan it first, solve-motion {run}, or give the "
+            "folder that has its results."
         )
     return folder, {path.parent: load_plan(path.parent, throw=False) for path in solutions}
 

@@ -1,4 +1,4 @@
-"""Ctrl-C: the first ends a command in good order with the best so far, the second within a second.
+"""Ctrl-C: the first ends a command cleanly and keeps the best plan; the second ends it in a second.
 
 The second may arrive while native code runs (Ipopt, a factorization), when Python's own signal
 handlers have to wait. So a thread counts signals as well; the native code used here lets it run.
@@ -62,7 +62,7 @@ class Interrupts:
         if threading.current_thread() is not threading.main_thread():
             return self  # Python allows handlers in the main thread only
         handled = [*STOP_SIGNALS, *EXIT_SIGNALS]
-        # A process started with a signal ignored, as by nohup, goes on ignoring it.
+        # A process started with a signal ignored, as by nohup, keeps ignoring it.
         handled = [
             n for n in handled if n == signal.SIGINT or signal.getsignal(n) != signal.SIG_IGN
         ]

@@ -28,7 +28,7 @@ from .run_checks import in_a_copy, run
 if TYPE_CHECKING:
     from types import ModuleType
 
-SYMPY_MISSING = "Formulas need SymPy: pip install 'trunk_ocp[symbolic]'"
+SYMPY_MISSING = "Formulas need SymPy: pip install sympy"
 LATEX_MISSING = (
     "trunk_formulas.tex was not compiled, as LaTeX is not installed; get it with: apt-get install "
     "texlive-latex-base"

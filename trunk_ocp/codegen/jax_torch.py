@@ -49,6 +49,6 @@ def _files(request: Request, package: str) -> dict[str, str | bytes]:
 def _check(folder: Path, package: str) -> str:
     if importlib.util.find_spec(package) is None:
         raise ToolMissingError(
-            f"Checking this export needs the package {package}: pip install 'trunk_ocp[{package}]'"
+            f"Checking this export needs the package {package}: pip install {package}"
         )
     return run_check(folder)

@@ -58,11 +58,11 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     Raises
     ------
     InputError
-        If the lookahead is not a whole number from 1 on.
+        If the lookahead is not a whole number of at least 1.
     """
     count = len(motion.steps)
     if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
-        raise InputError(f"lookahead = {lookahead}: expected a whole number from 1 on.")
+        raise InputError(f"lookahead = {lookahead}: expected a whole number of at least 1.")
     mode = "horizon" if lookahead is None or lookahead >= count else "receding"
     return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
 

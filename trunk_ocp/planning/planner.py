@@ -77,7 +77,7 @@ def plan_motion(
     PlanError
         If the plan is not solved; the error has the plan.
     InputError
-        If the lookahead is not a whole number from 1 on, the deadline not positive, or the
+        If the lookahead is not a whole number of at least 1, the deadline not positive, or the
         checkpoint belongs to another plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller

@@ -1,7 +1,7 @@
 """Loaded shapes and their Jacobians in microseconds, for controllers and large samples.
 
 The same rod as in `statics` and `tip_jacobian`, solved by the compiled method of
-`shooting_kernels`. Needs numba: `pip install trunk_ocp[fast]`.
+`shooting_kernels`. Needs numba: `pip install numba`.
 """
 
 from __future__ import annotations
@@ -341,7 +341,7 @@ def _kernels() -> ModuleType:
         from . import shooting_kernels
     except ModuleNotFoundError as error:
         raise TrunkError(
-            "ShapeMap needs numba, which is not installed: pip install trunk_ocp[fast]. "
+            "ShapeMap needs numba, which is not installed: pip install numba. "
             "solve_statics works without it."
         ) from error
     return shooting_kernels

@@ -67,7 +67,7 @@ def section_scale(trunk: Trunk, shape: Shape) -> np.ndarray:
 def outline(muscle: Muscle) -> np.ndarray:
     """Outline (m, 2) of a muscle's cross-section at Z = 0, in m along d_1 and d_2.
 
-    Counter-clockwise: the outer arc, then the inner arc backwards, or the center if there is none.
+    Counter-clockwise: the outer arc, then the inner arc backward, or the center if there is none.
     """
     inner, outer = muscle.radii
     first, second = muscle.sector
