@@ -1,9 +1,13 @@
 """Fixtures that many tests share, and what skipped tests mean for the whole run."""
 
+import contextlib
 import os
+import shutil
 
 import pytest
+from programs import PACKAGES, needs
 
+from trunk_ocp.codegen.request import ToolMissingError
 from trunk_ocp.model.anatomy import load_anatomy
 from trust.validation import rods
 
@@ -27,6 +31,33 @@ def draw():
 def build():
     """Builder of small trunks: `build()` is an untapered rod without muscles, clamped along +Z."""
     return rods.rod
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup():
+    with skipped_without_its_program():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call():
+    with skipped_without_its_program():
+        return (yield)
+
+
+@contextlib.contextmanager
+def skipped_without_its_program():
+    """Skip a test that fails because a program, such as a compiler, is not installed."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        if error.filename in PACKAGES:
+            needs(error.filename)
+        raise
+    except ToolMissingError as error:
+        if not all(map(shutil.which, PACKAGES)):
+            pytest.skip(str(error))
+        raise
 
 
 def pytest_sessionfinish(session):

@@ -1,12 +1,12 @@
 """The MEX export in Octave: right numbers where the help says they are, and clear errors."""
 
 import json
-import shutil
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from programs import needs
 
 from trunk_ocp import Loads, load_anatomy, solve_statics
 from trunk_ocp.codegen.check_cases import check_files
@@ -225,7 +225,7 @@ def test_without_octave_there_is_the_line_that_installs_it(tmp_path, monkeypatch
 
 
 def test_octave_finds_no_fault_of_memory_under_valgrind(built):
-    assert shutil.which("valgrind"), "this test needs valgrind: apt-get install valgrind"
+    needs("valgrind")
     (built / "once.m").write_text(
         f"[s, J, d] = trunk_shape({GOOD}, [0.1 0], struct('gravity', 9), ones(1, 40));\n"
         f"[u, K] = trunk_shape('unloaded', {GOOD});\n"

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from plans import first_steps
+from programs import needs
 
 from trunk_ocp import Loads, solve_statics
 from trunk_ocp.codegen import nlp_export as nlp
@@ -61,9 +62,8 @@ def table(folder, name):
 
 
 def tool(name):
-    path = shutil.which(name)
-    assert path, f"this test needs {name}: apt-get install {name}"
-    return path
+    needs(name)
+    return shutil.which(name)
 
 
 def differences(function, x):

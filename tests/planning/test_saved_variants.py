@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
-from plans import POINT, TOUCH, written
+from plans import POINT, TOUCH, planned, written
 
 from trunk_ocp.analysis.lookahead_study import equal_bounds
 from trunk_ocp.analysis.redundancy.ablation import motion_without
@@ -20,7 +20,7 @@ from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
-from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.build import as_built, build_motion, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion
 from trunk_ocp.problem.variants import held_head_spec
 
@@ -181,7 +181,7 @@ def test_what_could_not_be_read_back_is_not_saved(tmp_path, change):
     plan = plan_motion(load_motion(written(tmp_path, POINT)), lookahead=1)
     save_plan(plan, tmp_path / "out")
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    with pytest.raises(InputError, match="changed by hand"):
+    with pytest.raises(InputError, match=r"changed by hand|no problem file can have"):
         save_plan(replace(plan, motion=change(plan.motion)), tmp_path / "out")
     assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
@@ -194,3 +194,41 @@ def test_loads_changed_in_the_spec_are_kept(tmp_path):
     plan = plan_motion(build_motion(spec, motion.anatomy))
     save_plan(plan, tmp_path)
     assert load_plan(tmp_path).loads == (Loads(9.8, (0.0, 0.0, 3.0 * 9.8)),)
+
+
+def test_a_horizon_that_never_began_is_read_back_as_that(tmp_path):
+    start = planned("lift-log", "sequential")
+    plan = plan_motion(start.motion, start=start, deadline=1e-9, throw=False)
+    save_plan(plan, tmp_path)
+    loaded = load_plan(tmp_path, throw=False)
+    assert loaded.status is plan.status is Status.TIME_LIMIT
+    assert loaded.mode == "horizon"
+    assert loaded.auxiliary.keys() == plan.auxiliary.keys() == start.auxiliary.keys()
+
+
+@pytest.mark.parametrize("position", [np.inf, np.nan])
+def test_a_spec_that_no_file_can_have_is_no_variant(tmp_path, position):
+    motion = load_motion(written(tmp_path, TOUCH))
+    tolerance = motion.spec.tolerance.model_copy(update={"position": position})
+    spec = motion.spec.model_copy(update={"tolerance": tolerance})
+    with pytest.raises(InputError, match="no problem file can have"):
+        motion.with_spec(spec)
+    with pytest.raises(InputError):
+        save_plan(plan_motion(replace(motion, spec=spec), throw=False), tmp_path / "out")
+
+
+@pytest.mark.parametrize("rate", [1e-30, 1e25])
+def test_a_rate_beyond_the_numbers_of_a_file_is_named(tmp_path, rate):
+    motion = load_motion(written(tmp_path, TOUCH))
+    with pytest.raises(InputError, match="rate = "):
+        motion.limited(rate=rate)
+
+
+def test_the_rounding_of_another_processor_is_no_change_by_hand(tmp_path):
+    motion = load_motion("lift-log")
+    moved = tuple(
+        replace(target, position=tuple(np.nextafter(target.position, 1.0).tolist()))
+        for target in motion.steps[0].targets
+    )
+    steps = (replace(motion.steps[0], targets=moved), *motion.steps[1:])
+    assert as_built(replace(motion, steps=steps))

@@ -164,3 +164,25 @@ def test_a_bad_argument_gets_a_sentence_or_works(plan, replanner, tmp_path, monk
                 if kind == "an object":
                     faults.append(f"{name} accepts any {argument}")
     assert faults == []
+
+
+def test_numbers_of_numpy_are_numbers(plan):
+    options = to.Options(starts=np.int64(2), weights=to.Weights(np.float32(0.5), np.int64(1)))
+    assert (type(options.starts), type(options.weights.effort)) == (int, float)
+    assert (options.starts, options.weights) == (2, to.Weights(0.5, 1.0))
+    limited = plan.motion.limited(np.array(2.0), rate=np.float64(3.0))
+    assert limited.spec == plan.motion.limited(2.0, rate=3.0).spec
+
+
+def test_a_row_of_a_table_is_an_array_of_numbers():
+    trunk = to.load_anatomy("asian-elephant")
+    row = np.array([-0.1, *[0.0] * 27], dtype=object)
+    given, plain = (to.solve_statics(trunk, x) for x in (row, row.astype(float)))
+    np.testing.assert_array_equal(given.states, plain.states)
+    with pytest.raises(TrunkError, match=r"activation.*array of real numbers"):
+        to.solve_statics(trunk, np.array([*row[1:], "much"], dtype=object))
+
+
+def test_a_missing_argument_is_reported_with_its_function():
+    with pytest.raises(TypeError, match=r"plan_motion\(\) missing 1 required"):
+        to.plan_motion()

@@ -55,7 +55,11 @@ def check_arguments(function: Callable[P, T]) -> Callable[P, T]:
     @wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> T:
         hints = _hints(function)
-        for name, value in signature.bind(*args, **kwargs).arguments.items():
+        try:
+            given = signature.bind(*args, **kwargs).arguments
+        except TypeError:
+            return function(*args, **kwargs)  # whose own error names the function
+        for name, value in given.items():
             if name in hints:
                 _check(name, value, hints[name])
         return function(*args, **kwargs)
@@ -86,6 +90,9 @@ def real_array(value: object, name: str) -> np.ndarray:
         array = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
         array = np.asarray(None)
+    if array.dtype.kind == "O" and all(isinstance(item, Real) for item in array.flat):
+        with contextlib.suppress(OverflowError):  # of whole numbers of hundreds of digits
+            array = array.astype(float)  # such as a row of a table with texts in other columns
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name} = {shown(value, repr)}: expected an array of real numbers.")
     return array.astype(float, copy=False)
@@ -133,6 +140,8 @@ def _is_number(value: Real) -> bool:
 def _is_a(value: object, kind: Any) -> bool:
     if kind is Any:
         return True
+    if isinstance(value, np.ndarray) and value.ndim == 0 and kind in (float, int):
+        value = value.item()
     if kind is float:
         return isinstance(value, Real) and not isinstance(value, bool) and _is_number(value)
     if kind is int:

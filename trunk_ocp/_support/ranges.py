@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 from ..errors import InputError
 
@@ -21,12 +22,13 @@ class Range:
     above: bool = False
 
     def __contains__(self, value: object) -> bool:
-        if isinstance(value, bool) or not isinstance(value, int if self.whole else (int, float)):
+        if isinstance(value, bool) or not isinstance(value, Integral if self.whole else Real):
             return False
-        if isinstance(value, float) and math.isnan(value):
+        if not isinstance(value, Integral) and math.isnan(value):
             return False
-        low = self.lowest < value if self.above else self.lowest <= value
-        return low and value <= self.highest
+        number = int(value) if isinstance(value, Integral) else float(value)
+        low = self.lowest < number if self.above else self.lowest <= number
+        return low and number <= self.highest
 
     def __str__(self) -> str:
         kind = "a whole number" if self.whole else "a number"

@@ -63,8 +63,9 @@ class Weights:
     rate: float = 1e-5
 
     def __post_init__(self) -> None:
-        check(self.effort, "weight", "effort")
-        check(self.rate, "weight", "rate")
+        for name in ("effort", "rate"):
+            check(getattr(self, name), "weight", name)
+            object.__setattr__(self, name, float(getattr(self, name)))  # as JSON takes it
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from numbers import Integral
 
 from .._support.arguments import check_fields
 from .._support.ranges import check
@@ -48,6 +49,7 @@ class Options:
         for name in ("elements", "degree", "max_iterations", "starts"):
             if (value := getattr(self, name)) is not None:
                 check(value, name)
+                object.__setattr__(self, name, int(value))  # as JSON takes it, not of NumPy
         if not self.linear_solver:
             raise InputError("linear_solver = '': expected a name, such as mumps.")
 
@@ -61,10 +63,10 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
         If the lookahead is not a whole number of at least 1.
     """
     count = len(motion.steps)
-    if lookahead is not None and not (isinstance(lookahead, int) and lookahead >= 1):
+    if lookahead is not None and not (isinstance(lookahead, Integral) and lookahead >= 1):
         raise InputError(f"lookahead = {lookahead}: expected a whole number of at least 1.")
     mode = "horizon" if lookahead is None or lookahead >= count else "receding"
-    return "sequential" if lookahead == 1 else mode, min(lookahead or count, count)
+    return "sequential" if lookahead == 1 else mode, int(min(lookahead or count, count))
 
 
 def first_mesh(motion: Motion, options: Options) -> Mesh:

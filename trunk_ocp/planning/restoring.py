@@ -131,8 +131,9 @@ def _auxiliary(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, n
         raise InputError("near_step: expected numbers of planned time steps")
     rows = _unknowns(contents, "near_", len(numbers), len(motion.trunk.muscles))
     auxiliary = dict(zip(numbers, rows, strict=True))
-    # A horizon interrupted before its first window is the sequential plan that it starts from.
-    if contents.attributes["plan_mode"] != "sequential" and not contents.attributes["interrupted"]:
+    # A horizon that was stopped before its first window is the sequential plan that it starts from.
+    stopped = contents.attributes["interrupted"] or contents.attributes.get("late", 0)
+    if contents.attributes["plan_mode"] != "sequential" and not stopped:
         raise InputError("near_step: expected auxiliary solutions of a sequential plan only")
     if contents.attributes["converged"]:
         check_auxiliary(motion, auxiliary)

@@ -15,7 +15,7 @@ from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
 from .problem_file import ProblemSpec
 from .targets import HeldDirection, Target
-from .variants import limited_spec, shifted_spec
+from .variants import limited_spec, shifted_spec, valid_spec
 
 HEAD_LIMIT = math.pi / 2
 """Bound on head angles, in rad, where the problem file has none."""
@@ -191,9 +191,10 @@ class Motion:
         Raises
         ------
         InputError
-            If the spec does not fit the anatomy.
+            If no problem file could have the spec, or if it does not fit the anatomy.
         """
-        return replace(self.builder(spec, self.anatomy), warnings=self.warnings)
+        motion = self.builder(valid_spec(spec, "spec"), self.anatomy)
+        return replace(motion, warnings=self.warnings)
 
     @check_arguments
     def shifted(self, offset: Vector) -> Motion:

@@ -54,7 +54,7 @@ def shifted_spec(spec: ProblemSpec, offset: Sequence[float]) -> ProblemSpec:
         by = np.zeros(0)
     if by.shape != (3,) or not np.all(np.isfinite(by)):
         raise InputError(f"offset = {offset!r}: expected three finite numbers in m.")
-    return _valid(_with_points(spec, lambda point: point + by), f"offset = {by.tolist()}")
+    return valid_spec(_with_points(spec, lambda point: point + by), f"offset = {by.tolist()}")
 
 
 def limited_spec(
@@ -72,7 +72,7 @@ def limited_spec(
     edited = spec.model_copy(
         update={"bounds": bounds.model_copy(update=cut), "phases": tuple(phases)}
     )
-    return _valid(edited, f"activation = {activation:g}, rate = {rate:g}")
+    return valid_spec(edited, f"activation = {activation:g}, rate = {rate:g}")
 
 
 def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
@@ -90,7 +90,7 @@ def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
         for phase in spec.phases
     )
     edited = spec.model_copy(update={"bounds": silenced(spec.bounds), "phases": tuple(phases)})
-    return _valid(edited, f"without {', '.join(muscles)}")
+    return valid_spec(edited, f"without {', '.join(muscles)}")
 
 
 def held_head_spec(spec: ProblemSpec, angle: int) -> ProblemSpec:
@@ -119,7 +119,7 @@ def held_head_spec(spec: ProblemSpec, angle: int) -> ProblemSpec:
         for phase in spec.phases
     )
     edited = spec.model_copy(update={"bounds": held(spec.bounds), "phases": tuple(phases)})
-    return _valid(edited, f"{key} = 0")
+    return valid_spec(edited, f"{key} = 0")
 
 
 def unaided_spec(spec: ProblemSpec) -> ProblemSpec:
@@ -143,10 +143,12 @@ def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
         for phase in moved.phases
     )
     bounds = _mirrored_limits(spec.bounds, muscles)
-    return _valid(moved.model_copy(update={"bounds": bounds, "phases": tuple(phases)}), "mirror")
+    return valid_spec(
+        moved.model_copy(update={"bounds": bounds, "phases": tuple(phases)}), "mirror"
+    )
 
 
-def _valid(spec: ProblemSpec, variant: str) -> ProblemSpec:
+def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
     """The problem as it is read back from a file.
 
     Raises
@@ -155,13 +157,16 @@ def _valid(spec: ProblemSpec, variant: str) -> ProblemSpec:
         If no problem file could have it.
     """
     try:
-        return ProblemSpec.model_validate_json(spec.model_dump_json())
+        read = ProblemSpec.model_validate_json(spec.model_dump_json())
     except ValidationError as error:
         fault = error.errors()[0]
         key = ".".join(str(part) for part in fault["loc"])
         raise InputError(
             f"{variant}: gives a motion that no problem file can have ({key}: {fault['msg']})."
         ) from None
+    if read.model_dump(mode="json") != spec.model_dump(mode="json"):  # JSON has no inf and nan
+        raise InputError(f"{variant}: gives a motion that no problem file can have.")
+    return read
 
 
 def _with_points(spec: ProblemSpec, change: Point) -> ProblemSpec:
@@ -214,7 +219,8 @@ def _slowed(phase: PhaseSpec, rate: float) -> PhaseSpec:
         else change.model_copy(update={"activation": min(change.activation, largest)})
         for change in phase.change
     )
-    return phase.model_copy(update={"change": (ChangeSpec(activation=largest), *entries)})
+    limit = ChangeSpec.model_construct(activation=largest)  # checked with the whole problem
+    return phase.model_copy(update={"change": (limit, *entries)})
 
 
 def _mirrored_target(target: TargetSpec) -> TargetSpec:

@@ -43,7 +43,7 @@ def solve_statics(
 
     Starts from the unloaded shape, which is known in closed form. Where Newton's method
     does not get from there to the full load, the load is raised in steps. Of several equilibria,
-    the one found is not checked for stability; see `stability`.
+    the one found is not checked for stability; see `buckling_margin`.
 
     Parameters
     ----------
