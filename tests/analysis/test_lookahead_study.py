@@ -36,6 +36,8 @@ from trunk_ocp.problem.motion import REFERENCE_LENGTH
 from trunk_ocp.problem.problem_file import LimitsSpec
 from trunk_ocp.reporting import Reporter
 
+pytestmark = pytest.mark.slow
+
 C = SHORTENING * REFERENCE_LENGTH / TRUNK.length  # in the objective's units
 WEIGHTS = Weights(effort=1e-3, rate=1e-3)
 OPTIONS = Options(weights=WEIGHTS)

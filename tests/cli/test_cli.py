@@ -18,6 +18,8 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.figures import film
 from trunk_ocp.planning.storage import load_plan
 
+pytestmark = pytest.mark.slow
+
 SOLVE_MOTION = Path(sys.executable).parent / "solve-motion"
 FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.0, 0.0]")  # the trunk is 1.75 m long
 

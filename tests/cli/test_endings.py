@@ -27,6 +27,8 @@ from trunk_ocp.figures import FORMATS
 from trunk_ocp.reporting import Reporter
 from trust import interrupts as trials
 
+pytestmark = pytest.mark.slow
+
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 

@@ -36,6 +36,8 @@ from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.viewer import write_page
 
+pytestmark = pytest.mark.slow
+
 FAULTY = Path(__file__).parents[1] / "support" / "faulty.py"
 SOLVE = [sys.executable, "-c", "from trunk_ocp.cli.commands import solve; solve()"]
 ENVIRONMENT = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -39,6 +39,8 @@ from trust.inputs import cases
 from trust.judge import Judge
 from trust.trial import tried
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(trunk_ocp.__file__).parent
 GUARD = 30.0
 """Seconds that one case may take; each takes one or two, ten on a busy machine."""

@@ -15,6 +15,8 @@ from trunk_ocp.codegen.shape_model import build_model, reference
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.unloaded import unloaded_states
 
+pytestmark = pytest.mark.slow
+
 VALUE = 1e-10  # promised agreement, with different meshes and formulations on either side
 SLOPE = 1e-8  # and that for high-order differences
 WARM = ("warm", "warm jacobian", "warm second")  # kinds of outputs, in what a check prints

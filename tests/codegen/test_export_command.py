@@ -22,6 +22,8 @@ from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 
+pytestmark = pytest.mark.slow
+
 SHAPES = [name for name, form in FORMATS.items() if not form.formulas]
 PARTS = ("position", "directors", "strain", "moment")
 FORMULAS = [name for name, form in FORMATS.items() if form.formulas]

@@ -20,6 +20,8 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import radial_integrals, strain_matrix
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk, load_anatomy
 
+pytestmark = pytest.mark.slow
+
 ELEPHANT = load_anatomy("asian-elephant")
 KINDS = ("radial", "straight", "tapered", "helix", "steep", "gentle", "even")
 

@@ -15,6 +15,8 @@ from trunk_ocp.codegen.mex import check_mex, write_mex
 from trunk_ocp.codegen.request import CheckError, ToolMissingError
 from trunk_ocp.codegen.run_checks import build_mex, run, run_octave
 
+pytestmark = pytest.mark.slow
+
 AT = (0.9, 1.75)
 BUILT = ["trunk_shape.c", "trunk.c"]
 # Another mesh and formulation, and numbers printed with 17 digits.

@@ -21,6 +21,8 @@ from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
 
+pytestmark = pytest.mark.slow
+
 WRITERS = {
     "casadi": (nlp.write_nlp_casadi, nlp.check_nlp_casadi),
     "c": (nlp.write_nlp_c, nlp.check_nlp_c),

@@ -18,6 +18,8 @@ from trunk_ocp.rod.tip_jacobian import tip_jacobian
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference as independent
 
+pytestmark = pytest.mark.slow
+
 CONTACT = Loads(contact_from=1.3)  # no segment's end
 SIXTH_ORDER = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
 

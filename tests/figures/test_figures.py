@@ -43,6 +43,8 @@ from trunk_ocp.scene import colors
 from trunk_ocp.scene.moments import curve_times, curves, moments_at, times_of_motion
 from trunk_ocp.scene.surroundings import head_sphere, logs, tip_mass
 
+pytestmark = pytest.mark.slow
+
 
 def with_gid(figure, gid):
     return [artist for artist in figure.findobj() if artist.get_gid() == gid]

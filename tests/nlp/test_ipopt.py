@@ -20,6 +20,8 @@ from trunk_ocp.planning.decided_steps import DecidedSteps
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planning_run import PlanningRun
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def motion():

@@ -21,6 +21,8 @@ from trunk_ocp.planning.storage import dataset, load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trust import damaged
 
+pytestmark = pytest.mark.slow
+
 
 def test_damaged_files_are_refused_or_are_what_they_honestly_are(monkeypatch):
     """A few of what `trust.damaged` tries by the thousand, and times on a quiet machine."""

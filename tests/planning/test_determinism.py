@@ -21,6 +21,8 @@ from trunk_ocp.planning.storage import load_plan, save_plan, summary
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
+pytestmark = pytest.mark.slow
+
 # Plans a motion, and another one before it if asked to; prints a fingerprint of every number.
 PLANNER = """
 import hashlib, sys

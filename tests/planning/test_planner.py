@@ -19,6 +19,8 @@ from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
+pytestmark = pytest.mark.slow
+
 BOTH = [(name, mode) for name in MOTIONS for mode in ("sequential", "horizon")]
 SLACK = 1e-7  # Ipopt relaxes bounds by 1e-8 of their size, here at most 3.5
 

@@ -17,6 +17,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import as_text, load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 
+pytestmark = pytest.mark.slow
+
 FAR = TOUCH.replace("[0.6, 0.1, 1.2]", "[5.0, 0.1, 1.2]")
 NEARBY = TOUCH.replace("[0.6, 0.1, 1.2]", "[0.6, 0.11, 1.2]")
 

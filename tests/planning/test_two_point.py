@@ -29,6 +29,8 @@ from trunk_ocp.scene.keyframes import for_blending
 from trust.equilibria import judge_plans, judge_shapes
 from trust.judge import Judge
 
+pytestmark = pytest.mark.slow
+
 LOAD = Loads(tip_force=(0.0, 0.0, 0.049))
 GAMMA = np.array([[-0.1, -0.03]])
 

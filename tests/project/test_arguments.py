@@ -10,6 +10,8 @@ from plans import TOUCH, written
 import trunk_ocp as to
 from trunk_ocp.errors import TrunkError
 
+pytestmark = pytest.mark.slow
+
 BAD = {
     "an object": object(),
     "a name": "lift-log",

@@ -10,6 +10,8 @@ import trunk_ocp as to
 from trunk_ocp.cli.commands import main, solve
 from trunk_ocp.planning.results_folder import OF_PLAN, OF_RUN
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 FRONT = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"]
 PAGES = [*FRONT, *(str(p.relative_to(ROOT)) for p in sorted((ROOT / "docs").rglob("*.md")))]

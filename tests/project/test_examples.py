@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 import matplotlib.image
+import pytest
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 

@@ -31,6 +31,8 @@ from trunk_ocp.figures import style
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, anatomies_folder
 from trunk_ocp.viewer.bundle import page
 
+pytestmark = pytest.mark.slow
+
 texts = given(st.text(st.characters(codec=None, exclude_categories=[]), max_size=60))
 
 

@@ -24,6 +24,8 @@ from trunk_ocp.rod.rod_batch import RodBatch, shape_of_states
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
+pytestmark = pytest.mark.slow
+
 NONE, REST = np.zeros(0), np.zeros(28)
 EULER = math.pi**2 / 4  # P L^2 / E I of a column clamped at one end, free at the other
 STEEL = {"youngs_modulus": 4e16 / math.pi, "poisson_ratio": 0.3, "density": 0.0}

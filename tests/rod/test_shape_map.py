@@ -26,6 +26,8 @@ from trunk_ocp.rod.tip_jacobian import tip_jacobian
 from trunk_ocp.rod.unloaded import unloaded_states
 from trust import reference
 
+pytestmark = pytest.mark.slow
+
 REST = np.zeros(28)
 LOADS = {
     "weight": Loads(),

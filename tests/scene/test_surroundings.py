@@ -16,6 +16,8 @@ from trunk_ocp.scene.moments import moments_at, phase_at
 from trunk_ocp.scene.surroundings import LENGTH_OVER_RADIUS, head_sphere, logs, marks, tip_mass
 from trunk_ocp.viewer.payload import payload
 
+pytestmark = pytest.mark.slow
+
 TIP = np.array([1.75])
 
 # A log that is wrapped and let go, and whose weight nobody takes.

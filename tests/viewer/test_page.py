@@ -25,6 +25,8 @@ from trunk_ocp.viewer import write_page
 from trunk_ocp.viewer.bundle import embedded
 from trunk_ocp.viewer.payload import MAX_SAMPLES, payload, sample_times
 
+pytestmark = pytest.mark.slow
+
 ARGS = [
     "--headless",
     "--no-sandbox",
