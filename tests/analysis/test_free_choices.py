@@ -94,7 +94,9 @@ def test_a_plan_that_takes_sides_says_so_and_how_to_mend_it(tmp_path):
     assert abs(turned) > 1
     for deep in (False, True):
         (told_once,) = told(plan, SIDES, deep)
-        assert f"psi_Z reaches {turned:.3g} deg, and {-turned:.3g} would be as good" in told_once
+        assert (
+            f"psi_Z reaches {turned:.3g} deg, and {-turned:.3g} would be equally good" in told_once
+        )
         assert "head_z_deg = [0.0, 0.0]" in told_once
 
 

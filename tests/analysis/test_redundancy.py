@@ -497,7 +497,7 @@ def test_the_command_writes_ranges_needs_and_a_figure_beside_the_plan(lean, tmp_
 def test_the_command_asks_for_a_plan_first(tmp_path):
     result = CliRunner().invoke(commands.main, ["redundancy", str(tmp_path)])
     assert result.exit_code == 2
-    assert "Plan the motion first" in result.stderr
+    assert "Plan it first, solve-motion" in result.stderr
 
 
 # --- what cannot be asked ----------------------------------------------------------------
