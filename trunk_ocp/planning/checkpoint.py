@@ -329,6 +329,8 @@ def _arrays(stage: Stage) -> dict[str, np.ndarray]:
         "held": list(state.held.values()),
         "near": list(state.auxiliary.values()),
     }
+    # The file keeps its first names: "near" for the auxiliary solutions of the decided steps,
+    # "auxiliary" for the latest of them.
     optional = {"auxiliary": state.unloaded, "previous": stage.previous}
     return {name: np.array(rows) for name, rows in lists.items() if rows} | {
         name: array for name, array in optional.items() if array is not None
