@@ -3,6 +3,7 @@
 import contextlib
 import os
 import shutil
+import signal
 
 import pytest
 from programs import PACKAGES, needs
@@ -31,6 +32,12 @@ def draw():
 def build():
     """Builder of small trunks: `build()` is an untapered rod without muscles, clamped along +Z."""
     return rods.rod
+
+
+def pytest_configure():
+    """A shell's background jobs ignore Ctrl-C, and so would every process that tests start."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(wrapper=True)

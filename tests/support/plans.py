@@ -87,7 +87,14 @@ def first_steps(name, count):
 def first_part(phase, steps):
     """A phase with its first steps only; a path and a pull that grows end where they are then."""
     share = steps / phase.steps
-    update = {"steps": steps, "duration": phase.duration * share}
+    change = (entry for entry in phase.change if entry.steps is None or entry.steps[0] <= steps)
+    change = tuple(
+        entry
+        if entry.steps is None
+        else entry.model_copy(update={"steps": (entry.steps[0], min(entry.steps[1], steps))})
+        for entry in change
+    )
+    update = {"steps": steps, "duration": phase.duration * share, "change": change}
     if phase.wrap is not None and phase.wrap.path is not None:
         path = np.array(phase.wrap.path)
         start = [path[0]]
