@@ -41,7 +41,7 @@ def pytest_configure():
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_fixture_setup():
+def pytest_runtest_setup():
     with skipped_without_its_program():
         return (yield)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import matplotlib.image
 import pytest
+from programs import needs
 
 pytestmark = pytest.mark.slow
 
@@ -16,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_controller_on_exported_c_keeps_the_tip_at_a_swinging_fruit(tmp_path):
     """All of it as a user runs it: export, compile, 2000 ticks with a load it does not know."""
+    needs("cc")
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     command = [sys.executable, str(ROOT / "examples" / "follow_target.py"), "--out", str(tmp_path)]
     done = subprocess.run(

@@ -10,6 +10,7 @@ PACKAGES = {
     CHROMIUM: "chromium, or set CHROMIUM",
     "cc": "gcc",
     "gcc": "gcc",
+    "g++": "g++",
     "cmake": "cmake",
     "localedef": "libc-bin",
     "mkoctfile": "octave and octave-dev",
