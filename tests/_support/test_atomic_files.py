@@ -18,6 +18,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 
+pytestmark = pytest.mark.slow
+
 NAMES = (
     ".x.part", ".solution.123.part.nc", ".part", ".summary.4242.part.json", "..part.", ".lock",
     f".solution.trunk-ocp-{'0' * 32}.part.nc", f".x.trunk-ocp-{'f' * 32}.part", "resume (copy).npz",

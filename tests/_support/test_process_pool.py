@@ -24,6 +24,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 
+pytestmark = pytest.mark.slow
+
 FAR = TOUCH.replace("position = [0.6, 0.1, 1.2]", "position = [3.0, 0.1, 1.2]")
 
 

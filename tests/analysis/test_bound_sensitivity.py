@@ -16,6 +16,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds, allowed
 
+pytestmark = pytest.mark.slow
+
 SHARE = 0.1  # of the told move, by which bounds are really moved, both ways
 
 

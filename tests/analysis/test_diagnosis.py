@@ -27,6 +27,8 @@ from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.reporting import Reporter
 from trust import reference
 
+pytestmark = pytest.mark.slow
+
 WEAK = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [-0.1, 0.0]")
 STIFF = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [0.0, 0.0]").replace(
     "[0.67, 1.35]", "[1.2, 1.35]"

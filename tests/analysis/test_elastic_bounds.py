@@ -23,6 +23,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds
 
+pytestmark = pytest.mark.slow
+
 # A straight weightless rod whose head is held: two muscles, that together only change its length.
 ROD = (
     soft_rod("rod")

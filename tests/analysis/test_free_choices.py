@@ -17,6 +17,8 @@ from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unk
 from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.problem.problem_file import LoadsSpec
 
+pytestmark = pytest.mark.slow
+
 # A leaf above the head, straight ahead, that is reached and held.
 HOLD = """position_weight = 8.0
 

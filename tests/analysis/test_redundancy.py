@@ -40,6 +40,8 @@ from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import allowed
 from trunk_ocp.rod.statics import solve_statics
 
+pytestmark = pytest.mark.slow
+
 VERSIONS = ("plan", "least effort", "fewest muscles")
 
 # Half a ring of a longitudinal and a radial muscle on each side, in the same place. Without

@@ -25,6 +25,8 @@ from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import keyframes, surfaces
 from trunk_ocp.scene.body import Body, muscle_body, trunk_body
 
+pytestmark = pytest.mark.slow
+
 FLOAT32 = 5e-7  # m; two roundings of lengths below 4 m
 
 ARM = soft_rod("arm", ("[0.0, 0.4]", "[0.4, 1.0]"))

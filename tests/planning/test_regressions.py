@@ -14,6 +14,8 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 
+pytestmark = pytest.mark.slow
+
 HEAD = """
 name = "{name}"
 [bounds]

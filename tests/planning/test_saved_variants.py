@@ -24,6 +24,8 @@ from trunk_ocp.problem.build import as_built, build_motion, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion
 from trunk_ocp.problem.variants import held_head_spec
 
+pytestmark = pytest.mark.slow
+
 COUNT = int(os.environ.get("VARIANTS", "12"))
 
 # One step with loads of every kind and an auxiliary problem.

@@ -9,6 +9,8 @@ from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.problem.motion import Motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 
+pytestmark = pytest.mark.slow
+
 # Powers of the length with which quantities scale: Young's modulus and density stay, so gravity
 # is 1 / length, forces are length^2 (E times an area), couples and masses length^3.
 POWERS = {

@@ -21,6 +21,8 @@ from trunk_ocp.scene.moments import moments_at, times_of_motion
 from trunk_ocp.viewer.payload import payload
 from trust import between
 
+pytestmark = pytest.mark.slow
+
 TIP = np.array([1.75])
 PICKED = between.PICKED
 NONE = (0.0, 0.0, 0.0)

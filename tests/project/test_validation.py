@@ -12,6 +12,8 @@ from trust.validation import CASES
 from trust.validation.case import Case, CoveredByTest
 from trust.validation.report import HEAD, UNDER, cells
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "validation.md"
 EVALUATED = [case for case in CASES if isinstance(case, Case)]
