@@ -269,7 +269,7 @@ def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
 def _legend(figure: Figure, plan: Plan, row: Row) -> None:
     entries = [
         Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
-               linewidth=1.2, label="target, error, direction"),
+               linewidth=1.2, label="target (line: error; arrow: direction)"),
         Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip"),
     ]  # fmt: skip
     if head_sphere(plan.motion.trunk) is not None:
