@@ -16,13 +16,18 @@ def base_pose(
     The head's rotation moves the base on a sphere about S (eq. 35) and turns the clamping
     directions with it (eqs. 38, 39). With psi = 0 the base is at r_D = 0.
     """
-    turn = product(about_z(psi_z), about_y(psi_y))
+    turn = turn_quaternion(psi_z, psi_y)
     rest = product(about_z(head.xi_z), about_y(head.xi_y))
     s = directors(product(turn, rest))[2]  # eq. (37)
     s_default = directors(rest)[2]  # eq. (36)
     r = head.pivot_radius
     x, y, z = (r * (a - b) for a, b in zip(s, s_default, strict=True))
     return (x, y, z), product(turn, product(about_z(head.xi_z), about_y(head.xi_d)))
+
+
+def turn_quaternion(psi_z: Scalar, psi_y: Scalar) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Rotation of the head by its angles in radians: about e_Y first, then about e_Z."""
+    return product(about_z(psi_z), about_y(psi_y))
 
 
 def base_slopes(head: Head, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

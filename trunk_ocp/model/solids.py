@@ -25,6 +25,7 @@ from typing import Literal
 import numpy as np
 
 from .anatomy import Trunk
+from .head import turn_quaternion
 from .loads import Vector
 from .quaternions import about_y, about_z, director_rows, product
 
@@ -101,7 +102,7 @@ def from_head_frame(trunk: Trunk, points: np.ndarray, head: np.ndarray) -> np.nd
 def turn(head: np.ndarray) -> np.ndarray:
     """Rotation (..., 3, 3) by head angles (..., 2): row i is where e_i goes."""
     psi = np.asarray(head, dtype=float)
-    return director_rows(np.stack(product(about_z(psi[..., 0]), about_y(psi[..., 1])), axis=-1))
+    return director_rows(np.stack(turn_quaternion(psi[..., 0], psi[..., 1]), axis=-1))
 
 
 def pivot(trunk: Trunk) -> np.ndarray:

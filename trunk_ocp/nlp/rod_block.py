@@ -7,6 +7,7 @@ Lengths are in units of L and moments in E I(0) / L.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -69,9 +70,11 @@ class RodEquations:
     weights: np.ndarray
 
 
-def step_points(motion: Motion, step: Step, number: int) -> tuple[float, ...]:
-    """Points Z in m of a step's targets, and of the directions that later steps hold from it."""
-    points = {target.Z for target in step.targets}
+def step_points(
+    motion: Motion, step: Step, number: int, others: Iterable[float] = ()
+) -> tuple[float, ...]:
+    """Points Z in m of a step's targets, of directions that later steps hold, and others."""
+    points = {target.Z for target in step.targets} | set(others)
     points |= {held.Z for held in motion.held if held.step == number}
     return tuple(sorted(points))
 

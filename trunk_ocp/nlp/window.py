@@ -7,7 +7,7 @@ E I(0) / L; everything that callers pass or get is in SI units.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +25,7 @@ from ..problem.targets import Direction, HeldDirection
 from ..rod.collocation import Mesh
 from ..rod.equations import point_parameters
 from ..rod.shape import Shape
+from .gap_rows import GapRow, add_gaps, add_volume, volume_weights
 from .nlp_builder import Block, NLPBuilder
 from .point_functions import (
     director,
@@ -104,6 +105,8 @@ class Window:
         Known values (3,) of the directions that these steps need from earlier ones.
     offset : int
         Index of the window's first step in the motion, from 0.
+    gaps : dict, optional
+        Gaps that time steps of the motion (from 0) keep; see `GapRow`.
     """
 
     @deferred_interrupts()
@@ -116,6 +119,7 @@ class Window:
         held: dict[HeldDirection, np.ndarray],
         offset: int,
         weights: Weights,
+        gaps: Mapping[int, tuple[GapRow, ...]] | None = None,
     ) -> None:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
         self.known = held
@@ -124,6 +128,8 @@ class Window:
         self.length, self.moment, self.force = units.length, units.moment, units.force
         self._builder = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
+        self._gaps = gaps or {}
+        self._volumes: list[np.ndarray | None] = []  # volume ratio (1,) of each step with gaps
         self.previous = self._builder.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
@@ -161,7 +167,8 @@ class Window:
     def _step(self, number: int, step: Step) -> Unknowns:
         """Add the variables of one step and the equations of its rod."""
         add, motion = self._builder, self.motion
-        points = step_points(motion, step, number)
+        gaps = self._gaps.get(number, ())
+        points = step_points(motion, step, number, [Z for gap in gaps for Z in gap.points])
         rod = rod_equations(motion.trunk, self.mesh, motion.extension, points)
         tip = np.asarray(step.loads.tip_force) / self.force
         if step.pull is not None and self._is_known(step.pull[1]):
@@ -185,7 +192,14 @@ class Window:
             rod.rows + rows,
             rod.weights,
         )
-        return rod.unknowns.moved(variables)
+        unknowns = rod.unknowns.moved(variables)
+        self._volumes.append(None)
+        if gaps:
+            moved, at = rod.variables + variables, self._points[step.loads]
+            volume = add_volume(add, motion.trunk, self.mesh, rod, moved, at, number)
+            add_gaps(add, motion.trunk, unknowns, volume, gaps, number)
+            self._volumes[-1] = volume
+        return unknowns
 
     # --- between steps ---------------------------------------------------------------
 
@@ -329,6 +343,10 @@ class Window:
             for Z, (q, r) in u.points.items():
                 full[q] = shapes.state(np.array([Z]))[t, 0, :4]
                 full[r] = shapes.position(np.array([Z]))[t, 0] / L
+        for t, volume in enumerate(self._volumes):
+            if volume is not None:
+                weights = volume_weights(trunk, self.mesh)
+                full[volume] = np.sum(weights * shapes.extension[t])
         for reference, D in self.held.items():
             rows = shapes.directors(np.array([reference.Z]))
             full[D] = rows[reference.step - self.offset, 0, reference.director]

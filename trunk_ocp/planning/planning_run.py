@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from .._support.deferred_signals import deferred_interrupts
 from ..errors import InputError, StaticsError
 from ..model.activation import strains
 from ..model.loads import Loads, vector
+from ..nlp.gap_rows import GapRow
 from ..nlp.ipopt import Optimizer
 from ..nlp.outcome import CONVERGED_STATUSES, FEASIBILITY_TOL, Outcome, rank
 from ..nlp.window import Window
@@ -43,6 +44,8 @@ class PlanningRun:
         Where the run is saved after every window.
     guess : (steps, muscles + 2), optional
         Controls from which each window is solved; no other start is tried.
+    gaps : dict
+        Gaps that each time step (from 0) keeps.
     """
 
     motion: Motion
@@ -54,6 +57,7 @@ class PlanningRun:
     start: Plan | None = None
     checkpoint: Checkpoint | None = None
     guess: np.ndarray | None = None
+    gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
 
     @property
     def controls(self) -> int:
@@ -104,7 +108,14 @@ class PlanningRun:
         """The NLP of `steps` from step `first` on, given the decided ones."""
         before = decided.x[-1] if decided.x else np.zeros(self.controls)
         return Window(
-            self.motion, self.mesh, steps, before, decided.held, first, self.options.weights
+            self.motion,
+            self.mesh,
+            steps,
+            before,
+            decided.held,
+            first,
+            self.options.weights,
+            self.gaps,
         )
 
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
@@ -220,6 +231,7 @@ class PlanningRun:
             decided.held,
             first,
             self.options.weights,
+            self.gaps,
         )
         outcome = self._solve(window, self._guess(first, reference), detail)
         if not outcome.converged and not outcome.stopped:

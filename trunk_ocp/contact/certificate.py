@@ -1,0 +1,166 @@
+"""Lower bounds of gaps between sample points along the trunk, and between instants.
+
+The surface point of the disc at (Z, t) in some direction, x(Z, t), differs on a cell of a grid in
+Z and t from its bilinear interpolant by at most
+
+    e = sup |x_ZZ| h^2 / 8 + sup |x_tt| k^2 / 8.
+
+By (*) of `model.solids`, the distance from a convex solid is at least a linear function l(x), whose
+minimum over a bilinear patch is at a corner. So a cell is at least (least of l over the discs at
+its corners) - e away. For two parts of the trunk, l is the difference along the line between them.
+The bounds need no bound on the curvature of solids; sup is taken over the second differences at
+the corners, times `SAFETY`, because the grid only samples them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.solids import Solid, signed_distance
+from .tube import Tube, apart
+
+SAFETY = 2.0
+"""On second differences of motions and shapes, which are smooth at the scale of a cell."""
+
+
+def bounds_along(discs: Tube, solid: Solid) -> np.ndarray:
+    """Lower bounds (H, n - 1) of the gap from a solid between neighboring discs of each shape."""
+    center = discs.center
+    distance, normal = signed_distance(solid, (center[:, :-1] + center[:, 1:]) / 2)
+    middle = (center[:, :-1] + center[:, 1:]) / 2
+    corners = [_corner(discs, distance, normal, middle, slice(None), part) for part in _ENDS]
+    return np.asarray(np.minimum(*corners) - error_along(discs))
+
+
+def bounds_between(discs: Tube, times: np.ndarray, solid: Solid) -> np.ndarray:
+    """Lower bounds (H - 1, n - 1) of the gap from a solid in cells between discs and instants.
+
+    times : (H,) in s, at least 3 of a smooth motion.
+    """
+    center = discs.center
+    middle = (center[:-1, :-1] + center[:-1, 1:] + center[1:, :-1] + center[1:, 1:]) / 4
+    distance, normal = signed_distance(solid, middle)
+    corners = [
+        _corner(discs, distance, normal, middle, instant, part)
+        for instant in _ENDS
+        for part in _ENDS
+    ]
+    return np.asarray(np.min(corners, axis=0) - cell_errors(discs, times))
+
+
+def self_bounds_along(discs: Tube) -> np.ndarray:
+    """Lower bounds (H, n - 1, n - 1) of the gap between two pieces of the trunk."""
+    center = discs.center
+    middle = (center[:, :-1] + center[:, 1:]) / 2
+    low, high = _spans(discs, middle, [(slice(None), part) for part in _ENDS])
+    error = error_along(discs)
+    gap = low - high - error[:, :, None] - error[:, None]
+    return np.where(_pieces_apart(apart(discs)), gap, np.inf)
+
+
+def self_bounds_between(discs: Tube, times: np.ndarray) -> np.ndarray:
+    """Lower bounds (H - 1, n - 1, n - 1) of the same between instants."""
+    center = discs.center
+    middle = (center[:-1, :-1] + center[:-1, 1:] + center[1:, :-1] + center[1:, 1:]) / 4
+    corners = [(instant, part) for instant in _ENDS for part in _ENDS]
+    low, high = _spans(discs, middle, corners)
+    error = cell_errors(discs, times)
+    gap = low - high - error[:, :, None] - error[:, None]
+    pieces = _pieces_apart(apart(discs))
+    return np.where(pieces[:-1] | pieces[1:], gap, np.inf)
+
+
+_ENDS = (slice(None, -1), slice(1, None))
+
+
+def _corner(
+    discs: Tube,
+    distance: np.ndarray,
+    normal: np.ndarray,
+    middle: np.ndarray,
+    instant: slice,
+    part: slice,
+) -> np.ndarray:
+    """Least value on one corner's discs of the linear function that bounds the distance."""
+    center, tangent = discs.center[instant, part], discs.tangent[instant, part]
+    along = np.sum(normal * tangent, axis=-1)
+    reach = discs.radius[instant, part] * np.sqrt(np.maximum(1 - along**2, 0.0))
+    return np.asarray(distance + np.sum(normal * (center - middle), axis=-1) - reach)
+
+
+def _spans(
+    discs: Tube, middle: np.ndarray, corners: list[tuple[slice, slice]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extent of pairs of pieces along the line between them: least of one, largest of the other."""
+    between = middle[:, :, None] - middle[:, None]
+    distance = np.linalg.norm(between, axis=-1, keepdims=True)
+    normal = between / np.where(distance > 0, distance, 1.0)
+    lows, highs = [], []
+    for instant, part in corners:
+        center, tangent = discs.center[instant, part], discs.tangent[instant, part]
+        radius = discs.radius[instant, part]
+        at = np.einsum("hijc,hic->hij", normal, center)
+        along = np.einsum("hijc,hic->hij", normal, tangent)
+        lows.append(at - radius[:, :, None] * np.sqrt(np.maximum(1 - along**2, 0.0)))
+        at = np.einsum("hijc,hjc->hij", normal, center)
+        along = np.einsum("hijc,hjc->hij", normal, tangent)
+        highs.append(at + radius[:, None] * np.sqrt(np.maximum(1 - along**2, 0.0)))
+    return np.min(lows, axis=0), np.max(highs, axis=0)
+
+
+def _pieces_apart(pairs: np.ndarray) -> np.ndarray:
+    """Pairs of pieces of which some discs at their ends count as different parts."""
+    return pairs[:, 1:, 1:] | pairs[:, :-1, 1:] | pairs[:, 1:, :-1] | pairs[:, :-1, :-1]
+
+
+def error_along(discs: Tube) -> np.ndarray:
+    """How far surface points between two discs are from the chords of their ends, (H, n - 1)."""
+    first = [np.diff(values, axis=1) for values in (discs.center, discs.tangent)]
+    growth = np.abs(np.diff(discs.radius, axis=1))
+    turned = _norm(first[1])
+    second = [_norm(np.diff(values, axis=1)) for values in first]
+    inner = _middle_max(turned) ** 2 + second[1]
+    bend = second[0] + discs.radius[:, 1:-1] * inner + 2 * _middle_max(growth * turned)
+    padded = np.pad(bend, ((0, 0), (1, 1)), mode="edge")
+    return np.asarray(SAFETY / 8 * np.maximum(padded[:, :-1], padded[:, 1:]))
+
+
+def cell_errors(discs: Tube, times: np.ndarray) -> np.ndarray:
+    """The error e of cells, (H - 1, n - 1)."""
+    along = error_along(discs)
+    step = np.diff(times)
+    accelerations = _accelerations(discs, times)  # (H, n)
+    largest = np.maximum(accelerations[:-1], accelerations[1:])
+    in_time = SAFETY / 8 * step[:, None] ** 2 * np.maximum(largest[:, :-1], largest[:, 1:])
+    return np.asarray(np.maximum(along[:-1], along[1:]) + in_time)
+
+
+def _accelerations(discs: Tube, times: np.ndarray) -> np.ndarray:
+    """Bounds (H, n) on the accelerations of surface points, in m/s^2, by second differences."""
+    step = np.diff(times)[:, None]
+    velocity = [
+        np.diff(values, axis=0) / step[..., None] for values in (discs.center, discs.tangent)
+    ]
+    growth = np.diff(discs.radius, axis=0) / step
+    spacing = (step[1:] + step[:-1]) / 2
+    center, turn = (_norm(np.diff(v, axis=0)) / spacing for v in velocity)
+    spin = _neighbors_max(_norm(velocity[1]))
+    swelling = np.abs(np.diff(growth, axis=0)) / spacing
+    radius = discs.radius[1:-1]
+    both = 2 * _neighbors_max(np.abs(growth)) * spin
+    inner = center + radius * (turn + spin**2) + swelling + both
+    return np.pad(inner, ((1, 1), (0, 0)), mode="edge")
+
+
+def _norm(vectors: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def _middle_max(values: np.ndarray) -> np.ndarray:
+    """Larger of neighbors along the second axis."""
+    return np.asarray(np.maximum(values[:, 1:], values[:, :-1]))
+
+
+def _neighbors_max(values: np.ndarray) -> np.ndarray:
+    """Larger of neighbors along the first axis."""
+    return np.asarray(np.maximum(values[1:], values[:-1]))

@@ -1,0 +1,108 @@
+"""The trunk as discs along its centerline, at some instants, and how far they are from solids.
+
+A disc with center r, unit normal d_3 and radius R reaches R sqrt(1 - (n . d_3)^2) along a unit
+vector n. Together with (*) of `model.solids` this bounds its distance from a convex solid,
+
+    distance(r) - R sqrt(1 - (n . d_3)^2),    n = gradient of the distance at r.
+
+The bound is sharp where n is perpendicular to d_3, as at a minimum along the trunk, and for flat
+surfaces. Between discs, and between instants, see `certificate`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.anatomy import Trunk
+from ..model.quaternions import director_rows
+from ..model.solids import Solid, in_head_frame, signed_distance, turn
+from ..rod.equations import ORIENTATION
+from ..rod.shape import Shape
+from ..rod.volume import section_scale
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """Discs at n points Z (n,) in m, in H shapes.
+
+    center (H, n, 3) in m; tangent (H, n, 3), unit; radius (H, n) in m.
+    """
+
+    Z: np.ndarray
+    center: np.ndarray
+    tangent: np.ndarray
+    radius: np.ndarray
+
+    def __getitem__(self, index: slice | np.ndarray) -> Tube:
+        """Some of the shapes."""
+        return Tube(self.Z, self.center[index], self.tangent[index], self.radius[index])
+
+    def part(self, chosen: np.ndarray) -> Tube:
+        """Some of the discs."""
+        return Tube(
+            self.Z[chosen], self.center[:, chosen], self.tangent[:, chosen], self.radius[:, chosen]
+        )
+
+    def reach(self, along: np.ndarray) -> np.ndarray:
+        """How far each disc reaches (H, n), given the cosine (H, n) of a vector with d_3."""
+        sine: np.ndarray = np.sqrt(np.maximum(1 - along**2, 0.0))
+        return self.radius * sine
+
+
+def tube(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Tube:
+    """Discs of shapes with one batch axis (H,) at points Z (n,) in m."""
+    q = shape.state(Z)[..., ORIENTATION]
+    tangent = director_rows(q)[..., 2, :]
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    radius = section_scale(trunk, shape)[:, None] * trunk.radius(Z)
+    return Tube(Z, shape.position(Z), tangent, radius)
+
+
+def seen_by(trunk: Trunk, discs: Tube, solid: Solid, head: np.ndarray) -> Tube:
+    """The discs as a solid sees them that may move with the head, at angles (H, 2)."""
+    if solid.frame == "space":
+        return discs
+    rotation = turn(head)
+    center = in_head_frame(trunk, discs.center, head)
+    return Tube(discs.Z, center, discs.tangent @ np.swapaxes(rotation, -1, -2), discs.radius)
+
+
+def solid_gaps(discs: Tube, solid: Solid) -> np.ndarray:
+    """Gap (H, n) in m of each disc from a solid, in the frame of the solid; negative inside."""
+    distance, normal = signed_distance(solid, discs.center)
+    return np.asarray(distance - discs.reach(np.sum(normal * discs.tangent, axis=-1)))
+
+
+def self_gaps(discs: Tube) -> np.ndarray:
+    """Gap (H, n, n) in m of each pair of discs; infinite for pairs that may touch."""
+    between = discs.center[:, :, None] - discs.center[:, None]
+    distance = np.linalg.norm(between, axis=-1)
+    normal = between / np.where(distance > 0, distance, 1.0)[..., None]
+    along = np.einsum("hijc,hic->hij", normal, discs.tangent)
+    sine = np.sqrt(np.maximum(1 - along**2, 0.0))
+    reach = discs.radius[:, :, None] * sine
+    gaps = distance - reach - np.swapaxes(reach, 1, 2)
+    return np.where(apart(discs), gaps, np.inf)
+
+
+def apart(discs: Tube) -> np.ndarray:
+    """Which pairs of discs (H, n, n) count as different parts of the trunk.
+
+    A tube of radius R that bends no more sharply than its own radius can touch itself only at
+    points that are a half circle, pi R, or more apart; sharper bends are creases, see `creases`.
+    """
+    radius = discs.radius
+    length = np.pi * (radius[:, :, None] + radius[:, None]) / 2
+    steps = np.linalg.norm(np.diff(discs.center, axis=1), axis=-1)
+    arc = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
+    return np.asarray(np.abs(arc[:, :, None] - arc[:, None]) >= length)
+
+
+def creases(discs: Tube) -> np.ndarray:
+    """Bending curvature times radius (H, n - 1) between discs; above 1 they cut each other."""
+    turned = np.linalg.norm(np.diff(discs.tangent, axis=1), axis=-1)
+    length = np.linalg.norm(np.diff(discs.center, axis=1), axis=-1)
+    radius = np.maximum(discs.radius[:, 1:], discs.radius[:, :-1])
+    return np.asarray(radius * turned / length)
