@@ -79,6 +79,7 @@ Number = Annotated[float, AfterValidator(_sized)]
 Positive = Annotated[float, Gt(0), AfterValidator(_sized)]
 NonNegative = Annotated[float, Ge(0), AfterValidator(_sized)]
 Pair = tuple[Number, Number]
+Vec3 = tuple[Number, Number, Number]
 Text = Annotated[str, MaxLen(200), AfterValidator(_printable)]
 
 

@@ -29,6 +29,7 @@ from .._support.toml_files import (
     shipped,
 )
 from ..errors import InputError
+from .solid_specs import MAX_SOLIDS, MouthSpec, SolidSpec
 
 Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
@@ -112,6 +113,12 @@ class HeadSpec(Strict):
     )
     xi_y_deg: Number = Field(default=0.0, description="angle of the pivot-to-base line about e_Y")
     xi_d_deg: Number = Field(default=0.0, description="angle of the trunk at the base about e_Y")
+    body: tuple[SolidSpec, ...] = Field(
+        default=(),
+        max_length=MAX_SOLIDS,
+        description="what the head consists of, at head angles 0, with the base as the origin",
+    )
+    mouth: MouthSpec | None = Field(default=None, description="where the mouth is")
 
 
 class AnatomySpec(Strict):
@@ -154,6 +161,12 @@ class AnatomySpec(Strict):
                     raise ValueError(f"segments[{number}] names muscle {muscle.group} twice")
         if edge != 1.0:
             raise ValueError(f"the last segment must end at 1, it ends at {edge:g}")
+        for number, solid in enumerate(self.head.body, 1):
+            if solid.Z is not None and solid.Z[1] > self.length:
+                raise ValueError(
+                    f"head.body[{number}].Z = [{solid.Z[0]:g}, {solid.Z[1]:g}]: expected at most "
+                    f"the trunk's length, {self.length:g} m"
+                )
         return self
 
 
@@ -177,12 +190,17 @@ class Muscle:
 
 @dataclass(frozen=True)
 class Head:
-    """Geometry of the head (eqs. 35-39): radius in meters, angles in radians."""
+    """Geometry of the head (eqs. 35-39): radius in meters, angles in radians.
+
+    `body` and `mouth` are as in the anatomy file: at head angles 0, with the base as the origin.
+    """
 
     pivot_radius: float
     xi_z: float
     xi_y: float
     xi_d: float
+    body: tuple[SolidSpec, ...] = ()
+    mouth: MouthSpec | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -294,6 +312,8 @@ def build_trunk(spec: AnatomySpec) -> Trunk:
             math.radians(spec.head.xi_z_deg),
             math.radians(spec.head.xi_y_deg),
             math.radians(spec.head.xi_d_deg),
+            spec.head.body,
+            spec.head.mouth,
         ),
         edges=(*(spec.length * each.Z_over_length[0] for each in spec.segments), spec.length),
         subdomains=tuple(by_side["R"] + by_side["L"]),

@@ -38,6 +38,12 @@ def about_y(angle: Scalar) -> tuple[Scalar, Scalar, Scalar, Scalar]:
     return (cos, 0 * cos, sin, 0 * cos)
 
 
+def about_x(angle: Scalar) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Rotation by `angle` about e_X."""
+    cos, sin = _cos_sin(angle / 2)
+    return (cos, sin, 0 * cos, 0 * cos)
+
+
 def _cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
     if isinstance(angle, ca.SX):
         return ca.cos(angle), ca.sin(angle)

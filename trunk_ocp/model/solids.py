@@ -26,8 +26,9 @@ import numpy as np
 
 from .anatomy import Trunk
 from .head import turn_quaternion
-from .loads import Vector
-from .quaternions import about_y, about_z, director_rows, product
+from .loads import Vector, vector
+from .quaternions import about_x, about_y, about_z, director_rows, product
+from .solid_specs import KEYS, Frame, SolidSpec
 
 SolidShape = Literal["sphere", "capsule", "cylinder", "half-space", "box", "ellipsoid"]
 Group = Literal["head", "log", "obstacles"]
@@ -69,9 +70,49 @@ class Solid:
     center: Vector
     axes: Axes = UNTURNED
     sizes: tuple[float, ...] = ()
-    frame: Literal["space", "head"] = "space"
+    frame: Frame = "space"
     clearance: float = 0.0
     Z: tuple[float, float] = (0.0, np.inf)
+
+
+def built_solid(spec: SolidSpec, group: Group, frame: Frame) -> Solid:
+    """The solid that a file describes."""
+    read = {key: np.array(getattr(spec, key)) for key in KEYS[spec.shape]}
+    axes = _turned(spec.rotation_deg)
+    match spec.shape:
+        case "sphere":
+            center, sizes = read["center"], read["radius"]
+        case "capsule":
+            half = (read["to"] - read["from"]) / 2
+            center, axes = read["from"] + half, axes_along(half)
+            sizes = np.array([read["radius"], np.linalg.norm(half)])
+        case "half-space":
+            center, axes, sizes = read["point"], axes_along(read["normal"]), np.zeros(0)
+        case "box":
+            center, sizes = read["center"], read["half_sizes"]
+        case "ellipsoid":
+            center, sizes = read["center"], read["half_axes"]
+    part = (0.0, np.inf) if spec.Z is None else spec.Z
+    lengths = tuple(np.atleast_1d(sizes).tolist())
+    return Solid(
+        spec.name, group, spec.shape, vector(center), axes, lengths, frame, spec.clearance, part
+    )
+
+
+def axes_along(third: np.ndarray) -> Axes:
+    """Right-handed axes whose third points along a vector (3,) of any length."""
+    third = third / np.abs(third).max()  # so that no square overflows or vanishes
+    third = third / np.linalg.norm(third)
+    second = np.cross(third, np.eye(3)[np.argmin(np.abs(third))])
+    second /= np.linalg.norm(second)
+    return vector(np.cross(second, third)), vector(second), vector(third)
+
+
+def _turned(degrees: Vector) -> Axes:
+    """Axes turned by angles about e_X, then e_Y, then e_Z."""
+    x, y, z = np.radians(degrees)
+    rows = director_rows(np.array(product(about_z(z), product(about_y(y), about_x(x)))))
+    return vector(rows[0]), vector(rows[1]), vector(rows[2])
 
 
 def signed_distance(solid: Solid, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,4 +216,3 @@ _DISTANCES: dict[str, Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.nd
     "box": _box,
     "ellipsoid": _ellipsoid,
 }
-

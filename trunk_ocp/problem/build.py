@@ -18,6 +18,7 @@ from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
+from .step_solids import check_obstacles, step_solids
 from .targets import HeldDirection, check_earlier, origins_of, phase_targets, wrap_center
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
@@ -61,9 +62,10 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     ------
     InputError
         For faults that only show in the two together: unknown muscles, points off the trunk,
-        directions held from a step that is not earlier.
+        directions held from a step that is not earlier, two solids of one name.
     """
     trunk = build_trunk(anatomy)
+    check_obstacles(spec.obstacles, trunk)
     origins = origins_of(spec, trunk)
     matches = matching_muscles(spec, trunk.muscles)
     box = _box(trunk, spec.bounds, matches, None, "bounds")
@@ -74,6 +76,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         where = f"phases[{number + 1}]"
         phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
         for i in range(1, phase.steps + 1):
+            log = _log(spec, phase, i, origins)
             steps.append(
                 Step(
                     time=start + phase.duration * i / phase.steps,
@@ -85,7 +88,8 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                     box=phase_box,
                     change=_change(phase.change, i, len(trunk.muscles)),
                     auxiliary=_auxiliary(phase),
-                    log=_log(spec, phase, i, origins),
+                    log=log,
+                    solids=step_solids(spec, phase, trunk, log),
                 )
             )
         start += phase.duration

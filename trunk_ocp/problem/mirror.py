@@ -7,12 +7,15 @@ and d2, cross products of two of these, are reflected and reversed.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from ..errors import InputError
 from ..model.anatomy import Trunk
+from ..model.solids import Solid, signed_distance
 from .motion import Motion, Step
+from .step_solids import head_solids
 from .targets import HeldDirection
 from .variants import mirrored_spec
 
@@ -25,10 +28,13 @@ def mirror_order(trunk: Trunk) -> np.ndarray:
     Raises
     ------
     InputError
-        If a muscle has none, or the head at rest is turned to one side.
+        If a muscle has none, or the head is not its own mirror image.
     """
     if trunk.head.xi_z != 0:
         raise InputError(f"{trunk.name}: its head is not its own mirror image (xi_z_deg is not 0).")
+    body, points = head_solids(trunk), _points(trunk.length)
+    if not np.allclose(_measured(body, points), _measured(body, points * [1, -1, 1])):
+        raise InputError(f"{trunk.name}: the body of its head is not its own mirror image.")
     places = {name: index for index, name in enumerate(trunk.muscles)}
     partners = [{"R": "L", "L": "R"}[m.side] + m.name[1:] for m in trunk.subdomains]
     for name, partner in zip(trunk.muscles, partners, strict=True):
@@ -97,4 +103,21 @@ def _numbers(step: Step, length: float, force: float, couple: float) -> np.ndarr
             for _, direction, _ in target.pairs()
             if not isinstance(direction, HeldDirection)
         ]
+    for frame in ("space", "head"):
+        solids = (solid for solid in step.solids if solid.frame == frame)
+        parts.append(_measured(solids, _points(length)).ravel() / length)
     return np.concatenate(parts)
+
+
+def _points(length: float) -> np.ndarray:
+    """Points (n, 3) in m around a trunk in no particular order, which distinguish solids."""
+    return length * np.random.default_rng(0).uniform(-1, 1, (20, 3))
+
+
+def _measured(solids: Iterable[Solid], points: np.ndarray) -> np.ndarray:
+    """Distances of each solid from points, its clearance and its part of the trunk: a row each.
+
+    Rows are sorted, because the order of solids says nothing.
+    """
+    rows = [[*signed_distance(solid, points)[0], solid.clearance, *solid.Z] for solid in solids]
+    return np.array(sorted(rows))

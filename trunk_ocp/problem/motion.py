@@ -13,9 +13,11 @@ from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
+from ..model.solid_specs import CONTACT_KINDS
+from ..model.solids import Solid
 from .problem_file import ProblemSpec
 from .targets import HeldDirection, Target
-from .variants import limited_spec, shifted_spec, valid_spec
+from .variants import contact_spec, limited_spec, shifted_spec, valid_spec
 
 HEAD_LIMIT = math.pi / 2
 """Bound on head angles, in rad, where the problem file has none."""
@@ -25,6 +27,9 @@ REFERENCE_LENGTH = 1.75
 
 The elephant's. Position errors of other trunks are compared in proportion to their length, so that
 a motion and its scale model have the same optimum."""
+
+LENGTH_OVER_RADIUS = 12.0
+"""Of a log of which only the radius is given; lift-log's own ratio."""
 
 POSITION_TOLERANCE = 0.02
 """Default tolerance in m of positions, for a trunk of `REFERENCE_LENGTH`."""
@@ -105,6 +110,8 @@ class Step:
         On the change of the controls from the step before.
     log : Log or None
         The log that the trunk wraps around or carries.
+    solids : tuple of Solid
+        What the trunk may run into: parts of the head, the log where it has a place, obstacles.
     """
 
     time: float
@@ -117,6 +124,7 @@ class Step:
     change: Bounds
     auxiliary: Auxiliary | None
     log: Log | None = None
+    solids: tuple[Solid, ...] = ()
 
     @property
     def follows(self) -> bool:
@@ -185,6 +193,11 @@ class Motion:
         """Factor of a position error in the objective: `REFERENCE_LENGTH` over the trunk's."""
         return REFERENCE_LENGTH / self.trunk.length
 
+    @property
+    def contact(self) -> frozenset[str]:
+        """What the plan keeps out of: some of "self", "head", "log", "obstacles"."""
+        return frozenset(kind for kind in CONTACT_KINDS if getattr(self.spec.contact, kind))
+
     def with_spec(self, spec: ProblemSpec) -> Motion:
         """The motion of another spec with the same anatomy; warnings are kept.
 
@@ -233,6 +246,22 @@ class Motion:
             self._check_limit(box, largest)
         fastest = math.inf if rate is None else rate
         return self.with_spec(limited_spec(self.spec, largest, fastest))
+
+    @check_arguments
+    def with_contact(self, kinds: str) -> Motion:
+        """The same motion whose plan keeps out of solids.
+
+        Parameters
+        ----------
+        kinds : str
+            "all", "none", or some of "self", "head", "log" and "obstacles", separated by commas.
+
+        Raises
+        ------
+        InputError
+            If it is none of these.
+        """
+        return self.with_spec(contact_spec(self.spec, kinds))
 
     def _check_limit(self, box: Bounds, activation: float) -> None:
         """Raise InputError if |gamma| <= activation leaves a muscle nothing of its bounds."""

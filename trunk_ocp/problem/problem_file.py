@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal
 from annotated_types import MaxLen, MinLen
 from pydantic import Field, PositiveInt, model_validator
 
-from .._support.toml_files import NonNegative, Number, Pair, Positive, Strict, Text
+from .._support.toml_files import NonNegative, Number, Pair, Positive, Strict, Text, Vec3
+from ..model.solid_specs import MAX_SOLIDS, ContactSpec, ObstacleSpec
 
-Vec3 = tuple[Number, Number, Number]
 Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
 
@@ -394,6 +394,12 @@ class ProblemSpec(Strict):
     phases: tuple[PhaseSpec, ...] = Field(
         min_length=1, max_length=MAX_STEPS, description="phases of the motion, in order"
     )
+    obstacles: tuple[ObstacleSpec, ...] = Field(
+        default=(), max_length=MAX_SOLIDS, description="solids in the way"
+    )
+    contact: ContactSpec = Field(
+        default=ContactSpec(), description="which solids the plan keeps out of"
+    )
 
     @model_validator(mode="after")
     def _planned_together(self) -> ProblemSpec:
@@ -403,6 +409,18 @@ class ProblemSpec(Strict):
                 f"phases have {count} steps together; expected at most {MAX_STEPS}, as they are "
                 "planned as one NLP. Split the motion into several files"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _known_phases(self) -> ProblemSpec:
+        names = tuple(dict.fromkeys(phase.name for phase in self.phases))
+        for number, obstacle in enumerate(self.obstacles, 1):
+            unknown = [name for name in obstacle.phases or () if name not in names]
+            if unknown:
+                raise ValueError(
+                    f'obstacles[{number}].phases: no phase is named "{unknown[0]}"; expected '
+                    f"names among {', '.join(names)}"
+                )
         return self
 
 

@@ -9,11 +9,12 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from .._support.toml_files import Vec3
 from ..errors import InputError, StaticsError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, Vector, vector
 from ..rod.statics import solve_statics
-from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, Vec3, WayPoint, WrapSpec
+from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, WayPoint, WrapSpec
 
 
 @dataclass(frozen=True)

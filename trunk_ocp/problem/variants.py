@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
+from .._support.ranges import shown
 from .._support.toml_files import SMALLEST_NUMBER
 from ..errors import InputError
+from ..model.solid_specs import CONTACT_KINDS, ContactSpec, ObstacleSpec
 from .muscle_patterns import mirrored_pattern
 from .problem_file import (
     BoundsSpec,
@@ -36,6 +38,8 @@ Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
 
 POINTS, CURVES = ("position", "center"), ("path", "through")
 """Keys of one point, and of several; a row may have a time before its point."""
+VECTORS = ("from", "to", "center", "point", "normal")
+"""Keys of an obstacle that are points or directions."""
 HEAD_ANGLES = ("head_z_deg", "head_y_deg")
 
 
@@ -122,6 +126,25 @@ def held_head_spec(spec: ProblemSpec, angle: int) -> ProblemSpec:
     return valid_spec(edited, f"{key} = 0")
 
 
+def contact_spec(spec: ProblemSpec, kinds: str) -> ProblemSpec:
+    """The problem with "all", "none" or some kinds of contact, separated by commas.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+    """
+    words = [word.strip() for word in kinds.split(",")]
+    words = {"all": list(CONTACT_KINDS), "none": []}.get(kinds.strip(), words)
+    if not set(words) <= set(CONTACT_KINDS):
+        raise InputError(
+            f"contact = {shown(kinds, repr)}: expected all, none, or some of "
+            f"{', '.join(CONTACT_KINDS)}, separated by commas."
+        )
+    contact = ContactSpec(**dict.fromkeys(words, True))
+    return spec.model_copy(update={"contact": contact})
+
+
 def unaided_spec(spec: ProblemSpec) -> ProblemSpec:
     """The problem without auxiliary problems."""
     phases = (phase.model_copy(update={"auxiliary": None}) for phase in spec.phases)
@@ -142,10 +165,12 @@ def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
         )
         for phase in moved.phases
     )
-    bounds = _mirrored_limits(spec.bounds, muscles)
-    return valid_spec(
-        moved.model_copy(update={"bounds": bounds, "phases": tuple(phases)}), "mirror"
-    )
+    update = {
+        "bounds": _mirrored_limits(spec.bounds, muscles),
+        "phases": tuple(phases),
+        "obstacles": tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles),
+    }
+    return valid_spec(moved.model_copy(update=update), "mirror")
 
 
 def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
@@ -247,6 +272,17 @@ def _mirrored_loads(loads: LoadsSpec) -> LoadsSpec:
     if loads.pull is not None and loads.pull.along == "d2":
         update["pull"] = loads.pull.model_copy(update={"force": -loads.pull.force})
     return loads.model_copy(update=update)
+
+
+def _mirrored_obstacle(obstacle: ObstacleSpec) -> ObstacleSpec:
+    """An obstacle in the mirror; angles about e_X and e_Z are reversed, as of axial vectors."""
+    update = {
+        key: tuple(_reflected(np.array(vector)).tolist())
+        for key in VECTORS
+        if (vector := getattr(obstacle, key)) is not None
+    }
+    x, y, z = obstacle.rotation_deg
+    return obstacle.model_copy(update=update | {"rotation_deg": (-x, y, -z)})
 
 
 def _mirrored_limits(limits: Limits, muscles: tuple[str, ...]) -> Limits:

@@ -13,12 +13,12 @@ import numpy as np
 from ..model.anatomy import Trunk
 from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
+from ..problem.motion import LENGTH_OVER_RADIUS
 from ..problem.targets import HeldDirection
 from ..rod.shape import Shape
 from .moments import TIME_TOL, Moment, phase_at
 
 MASS_DENSITY = 1000.0  # kg/m^3; nothing states the size of a tip mass, so it is a ball of water
-LENGTH_OVER_RADIUS = 12.0  # of a log of which only the radius is given; lift-log's own ratio
 
 
 @dataclass(frozen=True, eq=False)
