@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.solids import Solid, signed_distance
-from .tube import Tube, apart
+from .tube import Tube
 
 SAFETY = 2.0
 """On second differences of motions and shapes, which are smooth at the scale of a cell."""
@@ -48,26 +48,34 @@ def bounds_between(discs: Tube, times: np.ndarray, solid: Solid) -> np.ndarray:
     return np.asarray(np.min(corners, axis=0) - cell_errors(discs, times))
 
 
-def self_bounds_along(discs: Tube) -> np.ndarray:
-    """Lower bounds (H, n - 1, n - 1) of the gap between two pieces of the trunk."""
-    center = discs.center
-    middle = (center[:, :-1] + center[:, 1:]) / 2
-    low, high = _spans(discs, middle, [(slice(None), part) for part in _ENDS])
-    error = error_along(discs)
-    gap = low - high - error[:, :, None] - error[:, None]
-    return np.where(_pieces_apart(apart(discs)), gap, np.inf)
+def pair_bounds(discs: Tube, pairs: np.ndarray, times: np.ndarray | None = None) -> np.ndarray:
+    """Lower bounds (H, P) of the gap between pairs of pieces of the trunk.
+
+    pairs : (P, 2), pieces by their first disc.
+    times : (H,) in s; if given, the bounds (H - 1, P) hold between instants.
+    """
+    instants = (slice(None),) if times is None else _ENDS
+    error = error_along(discs) if times is None else cell_errors(discs, times)
+    corners = [(instant, end) for instant in instants for end in (0, 1)]
+    pieces = [
+        [(discs[instant], pairs[:, side] + end) for instant, end in corners] for side in (0, 1)
+    ]
+    middles = [
+        np.mean([part.center[:, index] for part, index in ends], axis=0) for ends in pieces
+    ]
+    between = middles[0] - middles[1]
+    distance = np.linalg.norm(between, axis=-1, keepdims=True)
+    normal = between / np.where(distance > 0, distance, 1.0)
+    low = np.min([_extent(part, index, normal, -1) for part, index in pieces[0]], axis=0)
+    high = np.max([_extent(part, index, normal, 1) for part, index in pieces[1]], axis=0)
+    return np.asarray(low - high - error[:, pairs[:, 0]] - error[:, pairs[:, 1]])
 
 
-def self_bounds_between(discs: Tube, times: np.ndarray) -> np.ndarray:
-    """Lower bounds (H - 1, n - 1, n - 1) of the same between instants."""
-    center = discs.center
-    middle = (center[:-1, :-1] + center[:-1, 1:] + center[1:, :-1] + center[1:, 1:]) / 4
-    corners = [(instant, part) for instant in _ENDS for part in _ENDS]
-    low, high = _spans(discs, middle, corners)
-    error = cell_errors(discs, times)
-    gap = low - high - error[:, :, None] - error[:, None]
-    pieces = _pieces_apart(apart(discs))
-    return np.where(pieces[:-1] | pieces[1:], gap, np.inf)
+def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
+    """Largest (side 1) or least (-1) coordinate of discs (H, P) along unit vectors."""
+    along = np.sum(normal * discs.tangent[:, index], axis=-1)
+    reach = discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))
+    return np.asarray(np.sum(normal * discs.center[:, index], axis=-1) + side * reach)
 
 
 _ENDS = (slice(None, -1), slice(1, None))
@@ -86,31 +94,6 @@ def _corner(
     along = np.sum(normal * tangent, axis=-1)
     reach = discs.radius[instant, part] * np.sqrt(np.maximum(1 - along**2, 0.0))
     return np.asarray(distance + np.sum(normal * (center - middle), axis=-1) - reach)
-
-
-def _spans(
-    discs: Tube, middle: np.ndarray, corners: list[tuple[slice, slice]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Extent of pairs of pieces along the line between them: least of one, largest of the other."""
-    between = middle[:, :, None] - middle[:, None]
-    distance = np.linalg.norm(between, axis=-1, keepdims=True)
-    normal = between / np.where(distance > 0, distance, 1.0)
-    lows, highs = [], []
-    for instant, part in corners:
-        center, tangent = discs.center[instant, part], discs.tangent[instant, part]
-        radius = discs.radius[instant, part]
-        at = np.einsum("hijc,hic->hij", normal, center)
-        along = np.einsum("hijc,hic->hij", normal, tangent)
-        lows.append(at - radius[:, :, None] * np.sqrt(np.maximum(1 - along**2, 0.0)))
-        at = np.einsum("hijc,hjc->hij", normal, center)
-        along = np.einsum("hijc,hjc->hij", normal, tangent)
-        highs.append(at + radius[:, None] * np.sqrt(np.maximum(1 - along**2, 0.0)))
-    return np.min(lows, axis=0), np.max(highs, axis=0)
-
-
-def _pieces_apart(pairs: np.ndarray) -> np.ndarray:
-    """Pairs of pieces of which some discs at their ends count as different parts."""
-    return pairs[:, 1:, 1:] | pairs[:, :-1, 1:] | pairs[:, 1:, :-1] | pairs[:, :-1, :-1]
 
 
 def error_along(discs: Tube) -> np.ndarray:

@@ -39,7 +39,7 @@ class Tube:
         """Some of the shapes."""
         return Tube(self.Z, self.center[index], self.tangent[index], self.radius[index])
 
-    def part(self, chosen: np.ndarray) -> Tube:
+    def part(self, chosen: slice | np.ndarray) -> Tube:
         """Some of the discs."""
         return Tube(
             self.Z[chosen], self.center[:, chosen], self.tangent[:, chosen], self.radius[:, chosen]
@@ -75,29 +75,30 @@ def solid_gaps(discs: Tube, solid: Solid) -> np.ndarray:
     return np.asarray(distance - discs.reach(np.sum(normal * discs.tangent, axis=-1)))
 
 
-def self_gaps(discs: Tube) -> np.ndarray:
-    """Gap (H, n, n) in m of each pair of discs; infinite for pairs that may touch."""
-    between = discs.center[:, :, None] - discs.center[:, None]
-    distance = np.linalg.norm(between, axis=-1)
-    normal = between / np.where(distance > 0, distance, 1.0)[..., None]
-    along = np.einsum("hijc,hic->hij", normal, discs.tangent)
-    sine = np.sqrt(np.maximum(1 - along**2, 0.0))
-    reach = discs.radius[:, :, None] * sine
-    gaps = distance - reach - np.swapaxes(reach, 1, 2)
-    return np.where(apart(discs), gaps, np.inf)
-
-
-def apart(discs: Tube) -> np.ndarray:
-    """Which pairs of discs (H, n, n) count as different parts of the trunk.
+def pair_gaps(discs: Tube, pairs: np.ndarray) -> np.ndarray:
+    """Gap (H, P) in m between pairs (P, 2) of discs; infinite for neighbors, which may touch.
 
     A tube of radius R that bends no more sharply than its own radius can touch itself only at
     points that are a half circle, pi R, or more apart; sharper bends are creases, see `creases`.
     """
-    radius = discs.radius
-    length = np.pi * (radius[:, :, None] + radius[:, None]) / 2
+    one, other = pairs.T
+    between = discs.center[:, one] - discs.center[:, other]
+    distance = np.linalg.norm(between, axis=-1)
+    normal = between / np.where(distance > 0, distance, 1.0)[..., None]
+    gaps = distance
+    for index in (one, other):
+        along = np.sum(normal * discs.tangent[:, index], axis=-1)
+        gaps = gaps - discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))
+    return np.where(apart(discs, pairs), gaps, np.inf)
+
+
+def apart(discs: Tube, pairs: np.ndarray) -> np.ndarray:
+    """Which pairs (H, P) of discs are at least half a circle apart, see `pair_gaps`."""
+    one, other = pairs.T
     steps = np.linalg.norm(np.diff(discs.center, axis=1), axis=-1)
     arc = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
-    return np.asarray(np.abs(arc[:, :, None] - arc[:, None]) >= length)
+    half_circle = np.pi * (discs.radius[:, one] + discs.radius[:, other]) / 2
+    return np.asarray(np.abs(arc[:, one] - arc[:, other]) >= half_circle)
 
 
 def creases(discs: Tube) -> np.ndarray:

@@ -1,0 +1,166 @@
+"""Which gaps a plan has to keep, found by exchange (semi-infinite programming).
+
+The trunk must be clear of a body at every point Z, but the gap has few minima along Z, and only
+these need rows in the NLP (Hettich & Kortanek 1993). So a plan is made with the rows known so far,
+minima that are too small become further rows, and it is made again until none is left.
+
+Between time steps there are no rows. Where the trunk comes too close on the way from one step to
+the next, both steps have to keep a larger gap (constraint tightening).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..model.anatomy import Trunk
+from ..model.solids import Solid
+from ..nlp.gap_rows import GapRow
+from ..problem.motion import Motion
+from ..rod.shape import Shape
+from .clearance import SELF, Gap
+from .tube import Tube, pair_gaps, seen_by, solid_gaps, tube
+
+GRID = 256
+"""Pieces of the trunk between which minima are looked for; a solid's are as fine as 1/512 L."""
+STEP_TOL = 1e-5
+"""By how much a gap may be too small at a time step, as a share of the trunk's length."""
+BETWEEN_TOL = 5e-5
+"""The same between time steps; 0.09 mm for the elephant."""
+SPACING = 0.05
+"""Largest distance of the first rows along a piece of the trunk that is in a solid, over L."""
+NEAREST = 0.004
+"""Smallest distance of rows of one body along the trunk, over L."""
+MAX_PAIRS = 6
+"""Pairs of sections that become rows of a time step in one exchange, the deepest ones."""
+
+
+@dataclass(eq=False)
+class Exchange:
+    """The gaps that a motion's time steps have to keep, as far as known.
+
+    Attributes
+    ----------
+    rows : dict
+        Rows of each time step, from 0.
+    extra : dict
+        Additional gap in m by (time step, body), because of what happens between steps.
+    """
+
+    motion: Motion
+    rows: dict[int, tuple[GapRow, ...]] = field(default_factory=dict)
+    extra: dict[tuple[int, str], float] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of rows of all steps."""
+        return sum(map(len, self.rows.values()))
+
+    def add(self, x: np.ndarray, shape: Shape) -> int:
+        """Add rows where planned shapes (H,) are too close to a body; returns how many."""
+        trunk, before = self.motion.trunk, self.count
+        discs = tube(trunk, shape, np.linspace(0.0, trunk.length, 2 * GRID + 1))
+        for t, step in enumerate(self.motion.steps[: len(x)]):
+            now = discs[t : t + 1]
+            for solid in step.solids:
+                if solid.group in self.motion.contact:
+                    seen = seen_by(trunk, now, solid, x[t : t + 1, -2:])
+                    self._add_solid(t, solid, seen)
+            if "self" in self.motion.contact:
+                self._add_pairs(t, now.part(slice(None, None, 2)))
+        return self.count - before
+
+    def tighten(self, gaps: Sequence[Gap]) -> int:
+        """Ask for larger gaps around each way on which a gap is too small; returns on how many."""
+        tol = BETWEEN_TOL * self.motion.trunk.length
+        small = [gap for gap in gaps if self.asks(gap.group) and gap.least - gap.bound > tol]
+        for gap in small:
+            for t in (gap.step - 1, gap.step):
+                if t >= 0:
+                    key = (t, gap.body)
+                    self.extra[key] = self.extra.get(key, 0.0) + gap.least - gap.bound
+                    self._add_at(t, gap)
+        for t, rows in self.rows.items():
+            self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)
+        return len(small)
+
+    def asks(self, group: str) -> bool:
+        """Whether the motion asks to keep clear of the bodies of a group."""
+        return group in self.motion.contact
+
+    def _least(self, t: int, solid: Solid | None) -> float:
+        body, clearance = (SELF, 0.0) if solid is None else (solid.name, solid.clearance)
+        return clearance + self.extra.get((t, body), 0.0)
+
+    def _row(self, t: int, Z: float, solid: Solid | None, other: float | None) -> GapRow:
+        return GapRow(Z, solid, other, self._least(t, solid))
+
+    def _add_at(self, t: int, gap: Gap) -> None:
+        """Add a row of a step at the place of a gap beside it."""
+        solids = {solid.name: solid for solid in self.motion.steps[t].solids}
+        if gap.body == SELF:
+            self._append(t, [self._row(t, gap.Z, None, gap.other)])
+        elif gap.body in solids:
+            self._append(t, [self._row(t, gap.Z, solids[gap.body], None)])
+
+    def _add_solid(self, t: int, solid: Solid, discs: Tube) -> None:
+        """Add minima of the gap from a solid, and points between them where it is deep inside."""
+        trunk = self.motion.trunk
+        gaps = solid_gaps(discs, solid)[0] - self._least(t, solid)
+        concerned = (discs.Z >= solid.Z[0]) & (discs.Z <= solid.Z[1])
+        gaps = np.where(concerned, gaps, np.inf)
+        inside = gaps < -STEP_TOL * trunk.length
+        places = [Z for i in _minima(gaps) if inside[i] for Z in [float(discs.Z[i])]]
+        for low, high in _runs(inside):
+            count = int((discs.Z[high] - discs.Z[low]) / (SPACING * trunk.length))
+            places += np.linspace(discs.Z[low], discs.Z[high], count + 2)[1:-1].tolist()
+        self._append(t, [self._row(t, Z, solid, None) for Z in places])
+
+    def _add_pairs(self, t: int, discs: Tube) -> None:
+        """Add minima of the gap between two parts of the trunk."""
+        one, other = np.triu_indices(len(discs.Z), 1)
+        gaps = np.full((len(discs.Z),) * 2, np.inf)
+        gaps[one, other] = pair_gaps(discs, np.stack([one, other], axis=-1))[0]
+        gaps -= self._least(t, None)
+        deep = np.argwhere(_minima_2d(gaps) & (gaps < -STEP_TOL * self.motion.trunk.length))
+        deepest = deep[np.argsort(gaps[tuple(deep.T)])][:MAX_PAIRS]
+        pairs = [(float(discs.Z[i]), float(discs.Z[j])) for i, j in deepest]
+        self._append(t, [self._row(t, i, None, j) for i, j in pairs])
+
+    def _append(self, t: int, rows: Sequence[GapRow]) -> None:
+        """Add rows that are not beside one of the same body that is there already."""
+        known = list(self.rows.get(t, ()))
+        for row in rows:
+            if all(_distance(row, other, self.motion.trunk) > NEAREST for other in known):
+                known.append(row)
+        if known:
+            self.rows[t] = tuple(known)
+
+
+def _distance(row: GapRow, other: GapRow, trunk: Trunk) -> float:
+    """How far apart two rows are along the trunk, over L; infinite for different bodies."""
+    if row.body != other.body or (row.other is None) != (other.other is None):
+        return np.inf
+    apart = [abs(a - b) for a, b in zip(row.points, other.points, strict=True)]
+    return max(apart) / trunk.length
+
+
+def _minima(values: np.ndarray) -> Iterator[int]:
+    """Indices of local minima, ends included."""
+    padded = np.pad(values, 1, constant_values=np.inf)
+    yield from np.flatnonzero((values <= padded[:-2]) & (values < padded[2:])).tolist()
+
+
+def _minima_2d(values: np.ndarray) -> np.ndarray:
+    padded = np.pad(values, 1, constant_values=np.inf)
+    n, m = values.shape
+    shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    return np.all([values <= padded[i : i + n, j : j + m] for i, j in shifts], axis=0)
+
+
+def _runs(inside: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First and last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.pad(inside.astype(int), 1)))
+    yield from zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)
