@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.solids import Solid, signed_distance
-from .tube import Tube
+from .tube import Tube, dot
 
 SAFETY = 2.0
 """On second differences of motions and shapes, which are smooth at the scale of a cell."""
@@ -60,11 +60,9 @@ def pair_bounds(discs: Tube, pairs: np.ndarray, times: np.ndarray | None = None)
     pieces = [
         [(discs[instant], pairs[:, side] + end) for instant, end in corners] for side in (0, 1)
     ]
-    middles = [
-        np.mean([part.center[:, index] for part, index in ends], axis=0) for ends in pieces
-    ]
+    middles = [sum(part.center[:, index] for part, index in ends) / len(ends) for ends in pieces]
     between = middles[0] - middles[1]
-    distance = np.linalg.norm(between, axis=-1, keepdims=True)
+    distance = np.sqrt(dot(between, between))[..., None]
     normal = between / np.where(distance > 0, distance, 1.0)
     low = np.min([_extent(part, index, normal, -1) for part, index in pieces[0]], axis=0)
     high = np.max([_extent(part, index, normal, 1) for part, index in pieces[1]], axis=0)
@@ -73,9 +71,9 @@ def pair_bounds(discs: Tube, pairs: np.ndarray, times: np.ndarray | None = None)
 
 def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
     """Largest (side 1) or least (-1) coordinate of discs (H, P) along unit vectors."""
-    along = np.sum(normal * discs.tangent[:, index], axis=-1)
+    along = dot(normal, discs.tangent[:, index])
     reach = discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))
-    return np.asarray(np.sum(normal * discs.center[:, index], axis=-1) + side * reach)
+    return np.asarray(dot(normal, discs.center[:, index]) + side * reach)
 
 
 _ENDS = (slice(None, -1), slice(1, None))
@@ -91,9 +89,9 @@ def _corner(
 ) -> np.ndarray:
     """Least value on one corner's discs of the linear function that bounds the distance."""
     center, tangent = discs.center[instant, part], discs.tangent[instant, part]
-    along = np.sum(normal * tangent, axis=-1)
+    along = dot(normal, tangent)
     reach = discs.radius[instant, part] * np.sqrt(np.maximum(1 - along**2, 0.0))
-    return np.asarray(distance + np.sum(normal * (center - middle), axis=-1) - reach)
+    return np.asarray(distance + dot(normal, (center - middle)) - reach)
 
 
 def error_along(discs: Tube) -> np.ndarray:
@@ -136,7 +134,7 @@ def _accelerations(discs: Tube, times: np.ndarray) -> np.ndarray:
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.norm(vectors, axis=-1))
+    return np.asarray(np.sqrt(dot(vectors, vectors)))
 
 
 def _middle_max(values: np.ndarray) -> np.ndarray:

@@ -6,11 +6,12 @@ This check shares no code with the rows of the NLP: it works on sampled shapes, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._support.wording import step_list
 from ..errors import StaticsError
 from ..model.loads import Loads
 from ..model.solids import Solid
@@ -25,6 +26,8 @@ SELF = "itself"
 """Name of the trunk as the body that it may touch."""
 SECTIONS = 512
 """Pieces of the trunk; also the finest of those that are compared with each other."""
+COLLISION_TOL = 6e-5
+"""By how much a gap may be too small, as a share of the trunk's length; 0.1 mm for the elephant."""
 STRIDES = (8, 4, 2, 1)
 """Sections to a piece when the trunk is compared with itself, from coarse to fine."""
 ACCURACY = 3e-5
@@ -69,6 +72,84 @@ class Gap:
     def depth(self) -> float:
         """By how much the gap is too small, in m; negative if it is not."""
         return self.least - self.gap
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Gaps between a planned trunk and every body.
+
+    Attributes
+    ----------
+    at_steps, between : tuple of Gap
+        The smallest gap to each body at each time step, and on the way to each.
+    length : float
+        Length of the trunk in m.
+    """
+
+    at_steps: tuple[Gap, ...]
+    between: tuple[Gap, ...]
+    length: float
+
+    @property
+    def min(self) -> Gap | None:
+        """The smallest gap of all; None for a plan without steps."""
+        gaps = [gap for gap in self.all if not np.isnan(gap.gap)]
+        return min(gaps, key=lambda gap: gap.gap, default=None)
+
+    @property
+    def all(self) -> tuple[Gap, ...]:
+        """Gaps at time steps and between them."""
+        return (*self.at_steps, *self.between)
+
+    def of_step(self, step: int) -> Gap | None:
+        """The smallest gap at a time step (from 0)."""
+        return min((gap for gap in self.at_steps if gap.step == step), key=lambda gap: gap.gap)
+
+    def sentences(self, groups: Collection[str]) -> list[str]:
+        """Bodies of some groups that the trunk is too close to, a sentence each.
+
+        A gap that is bounded from below only, because the trunk has no equilibrium somewhere or
+        moves too fast, counts as too small.
+        """
+        tol, found = COLLISION_TOL * self.length, []
+        for body in dict.fromkeys(gap.body for gap in self.all if gap.group in groups):
+            small = [g for g in self.all if g.body == body and not g.bound >= g.least - tol]
+            if small:
+                found.append(_sentence(small, tol))
+        return found
+
+    @property
+    def warnings(self) -> list[str]:
+        """Bodies that the trunk certainly is in, or closer to than asked, a sentence each."""
+        tol, found = COLLISION_TOL * self.length, []
+        for body in dict.fromkeys(gap.body for gap in self.all):
+            small = [gap for gap in self.all if gap.body == body and gap.depth > tol]
+            if small:
+                found.append(_sentence(small, tol))
+        return found
+
+
+def _sentence(small: Sequence[Gap], tol: float) -> str:
+    """What is wrong with gaps to one body that are too small."""
+    known = [gap for gap in small if not np.isnan(gap.gap)]
+    steps = step_list(sorted({gap.step for gap in small}))
+    if not known:
+        return (
+            f"the trunk has no equilibrium on the way to {steps}, so its distance from "
+            f"{small[0].body} is unknown there"
+        )
+    worst = max(known, key=lambda gap: gap.depth)
+    body = "itself" if worst.group == "self" else f"the {worst.body}"
+    at = f"at Z = {worst.Z:.2f} m" + (f" and {worst.other:.2f} m" if worst.other > 0 else "")
+    when = f"worst at {worst.time:.3g} s, {steps}"
+    if worst.depth <= tol:
+        return f"the trunk may be {1e3 * (worst.least - worst.bound):.2g} mm too close to {body} {at}"
+    if worst.gap < 0:
+        return f"the trunk enters {body} by {-1e3 * worst.gap:.3g} mm {at} ({when})"
+    return (
+        f"the trunk is {1e3 * worst.gap:.3g} mm from {body} {at}, {1e3 * worst.least:g} mm are "
+        f"asked for ({when})"
+    )
 
 
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
@@ -182,14 +263,10 @@ class _Way:
             seen = _part(seen, solid)
             gaps, bounds = solid_gaps(seen, solid), bounds_between(seen, times, solid)
             smallest, least_bound = gaps.min(axis=1), bounds.min(axis=1)
-            near = np.minimum(smallest[:-1], smallest[1:])
-            doubtful = (least_bound < solid.clearance - accuracy) & (near - least_bound > accuracy)
-            doubtful &= near > solid.clearance - accuracy  # else it is too small beyond doubt
-            yield _of_solid(solid, self.step, times, seen, gaps, bounds), doubtful
-        gap, bounds_of_time, gaps_of_time = _pairs(self.step, times, discs, times)
-        near = np.minimum(gaps_of_time[:-1], gaps_of_time[1:])
-        doubtful = (bounds_of_time < -accuracy) & (near - bounds_of_time > accuracy)
-        yield gap, doubtful & (near > -accuracy)
+            gap = _of_solid(solid, self.step, times, seen, gaps, bounds)
+            yield gap, _doubtful(gap, smallest, least_bound, accuracy)
+        gap, least_bound, smallest = _pairs(self.step, times, discs, times)
+        yield gap, _doubtful(gap, smallest, least_bound, accuracy)
 
     def _log_shift(self, times: np.ndarray, solid: Solid) -> np.ndarray:
         """How far (n, 3) the log is at some times from where it is at the step."""
@@ -205,6 +282,18 @@ class _Way:
                 solid.name, solid.group, self.step, time, nan, -np.inf, solid.clearance, nan
             )
         yield Gap(SELF, "self", self.step, time, nan, -np.inf, 0.0, nan)
+
+
+def _doubtful(
+    gap: Gap, smallest: np.ndarray, bounds: np.ndarray, accuracy: float
+) -> np.ndarray:
+    """Parts of the time in which a gap may be too small; none if it certainly is somewhere.
+
+    smallest : (n + 1,) smallest gap at each instant. bounds : (n,) lower bounds between them.
+    """
+    near = np.minimum(smallest[:-1], smallest[1:])
+    doubtful = (bounds < gap.least - accuracy) & (near - bounds > accuracy)
+    return np.asarray(doubtful & (gap.depth <= accuracy))
 
 
 def _points(motion: Motion) -> np.ndarray:

@@ -77,10 +77,11 @@ class Exchange:
         tol = BETWEEN_TOL * self.motion.trunk.length
         small = [gap for gap in gaps if self.asks(gap.group) and gap.least - gap.bound > tol]
         for gap in small:
+            missing = gap.depth if gap.depth > tol else gap.least - gap.bound
             for t in (gap.step - 1, gap.step):
                 if t >= 0:
                     key = (t, gap.body)
-                    self.extra[key] = self.extra.get(key, 0.0) + gap.least - gap.bound
+                    self.extra[key] = self.extra.get(key, 0.0) + missing
                     self._add_at(t, gap)
         for t, rows in self.rows.items():
             self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)

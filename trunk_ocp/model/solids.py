@@ -155,7 +155,7 @@ def pivot(trunk: Trunk) -> np.ndarray:
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lengths (...,) of vectors and unit vectors (..., 3); e_X for those of no length."""
-    length = np.linalg.norm(vectors, axis=-1)
+    length = np.sqrt(np.einsum("...c,...c->...", vectors, vectors))
     safe = np.where(length > 0, length, 1.0)[..., None]
     return length, np.where(length[..., None] > 0, vectors / safe, np.eye(vectors.shape[-1])[0])
 

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from .._support.wording import rounded
+from ..contact.clearance import Clearance, gaps_at_steps, gaps_between_steps
 from ..errors import TrunkError
 from ..model.loads import Loads
+from ..nlp.gap_rows import GapRow
 from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
@@ -31,6 +33,7 @@ class Status(enum.Enum):
     SOLVED = "solved and verified"
     MISSED = "converged and verified, but a target is out of reach"
     UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
+    COLLIDING = "converged and verified, but the trunk collides with a body that it has to avoid"
     UNVERIFIED = "converged, but the independent check failed"
     INFEASIBLE = "not converged: no motion was found that keeps all bounds"
     ITERATION_LIMIT = "not converged within the allowed iterations; what was reached is kept"
@@ -114,6 +117,8 @@ class Plan:
     auxiliary : dict
         Controls (muscles + 2,) of the auxiliary problem, by step (from 0), for the steps that must
         stay near it rather than near the step before (sequential plans, appendix B).
+    gaps : dict
+        Gaps that steps (from 0) had to keep, if the motion asks for contact.
     interrupted, late : bool
         Whether the user, or the deadline, stopped the planner before it was done.
     derivative_seconds : float
@@ -136,6 +141,7 @@ class Plan:
     lookahead: int
     weights: Weights
     auxiliary: dict[int, np.ndarray] = field(default_factory=dict)
+    gaps: dict[int, tuple[GapRow, ...]] = field(default_factory=dict)
     converged: bool = True
     interrupted: bool = False
     late: bool = False
@@ -200,6 +206,31 @@ class Plan:
         return buckling_margin(self.shape, self.activations, self.loads)
 
     @cached_property
+    def clearance(self) -> Clearance:
+        """Gaps between the trunk, every solid and itself, at time steps and between them.
+
+        Takes about half a second; lower bounds between steps are accurate if the motion asks for
+        contact, and rough otherwise.
+        """
+        between = gaps_between_steps(
+            self.motion, self.x, self.loads, self.shape, precise=bool(self.motion.contact)
+        )
+        off = self.verification.position_difference
+        return Clearance(
+            tuple(
+                replace(gap, bound=gap.bound - float(off[gap.step]))
+                for gap in gaps_at_steps(self.motion, self.x, self.shape)
+            ),
+            tuple(between),
+            self.motion.trunk.length,
+        )
+
+    @property
+    def collisions(self) -> list[str]:
+        """Bodies that the motion asks to avoid and the trunk is too close to, a sentence each."""
+        return self.clearance.sentences(self.motion.contact) if self.motion.contact else []
+
+    @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
         """Errors of each step, from the independently integrated shapes."""
         return step_errors(self.motion, self.verification)
@@ -238,6 +269,8 @@ class Plan:
             return FAILURES.get(message, Status.NOT_CONVERGED)
         if self.verification.faults:
             return Status.UNVERIFIED
+        if self.collisions:
+            return Status.COLLIDING
         if not np.all(self.stability.stable):
             return Status.UNSTABLE
         return Status.MISSED if self.missed else Status.SOLVED
@@ -264,7 +297,7 @@ class Plan:
     def with_record(self, **record: Any) -> Plan:
         """The plan with other fields on how it was made; results of its checks are kept."""
         plan = replace(self, **record)
-        checks = ("verification", "stability", "errors")
+        checks = ("verification", "stability", "errors", "clearance")
         vars(plan).update({name: vars(self)[name] for name in checks if name in vars(self)})
         return plan
 
@@ -353,7 +386,9 @@ class PlanError(TrunkError):
 
     def __init__(self, plan: Plan) -> None:
         violated = plan.failure.violations if plan.failure else ()
-        problems = [*map(str, violated), *plan.verification.faults, *plan.missed, *plan.notes]
+        collisions = plan.collisions if plan.status is Status.COLLIDING else []
+        faults = plan.verification.faults
+        problems = [*map(str, violated), *faults, *collisions, *plan.missed, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(
             f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The error's attribute "

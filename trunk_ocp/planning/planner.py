@@ -25,6 +25,7 @@ from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from ..rod.collocation import mesh_for
+from .avoidance import clear_of_bodies
 from .checkpoint import Checkpoint
 from .checkpoint_file import COUNTERS
 from .options import REFINEMENTS, Options, first_mesh, mode_of
@@ -106,6 +107,8 @@ def plan_motion(
         plan = _start_as_plan(start, run)
     else:
         plan = _refined(run.run(), run)
+        if motion.contact:
+            plan = clear_of_bodies(plan, run)
     parts: list[Optimizer | Plan] = [optimizer, rough, *([given] if given else [])]
     plan = plan.with_record(
         **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},

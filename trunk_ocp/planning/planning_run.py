@@ -43,7 +43,8 @@ class PlanningRun:
     checkpoint : Checkpoint, optional
         Where the run is saved after every window.
     guess : (steps, muscles + 2), optional
-        Controls from which each window is solved; no other start is tried.
+        Controls from which each window is solved first; other starts are tried only if it has
+        gaps to keep, because the way around a body that the guess leads to may be the wrong one.
     gaps : dict
         Gaps that each time step (from 0) keeps.
     """
@@ -174,7 +175,8 @@ class PlanningRun:
         """Starts of a window: (name, controls of its steps)."""
         if self.guess is not None:
             yield "given controls", self.guess[first:last]
-            return
+            if not self.gaps:
+                return
         if previous is not None:
             yield "window before", np.vstack([previous[1:], previous[-1:]])
             return
