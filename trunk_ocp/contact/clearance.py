@@ -132,7 +132,7 @@ class Clearance:
 def _sentence(small: Sequence[Gap], tol: float) -> str:
     """What is wrong with gaps to one body that are too small."""
     known = [gap for gap in small if not np.isnan(gap.gap)]
-    steps = step_list(sorted({gap.step for gap in small}))
+    steps = step_list(sorted({gap.step + 1 for gap in small}))
     if not known:
         return (
             f"the trunk has no equilibrium on the way to {steps}, so its distance from "

@@ -33,6 +33,8 @@ SPACING = 0.05
 """Largest distance of the first rows along a piece of the trunk that is in a solid, over L."""
 NEAREST = 0.004
 """Smallest distance of rows of one body along the trunk, over L."""
+OVERSHOOT = 1.2
+"""Tightening over what is missing, which saves a plan: other steps move a little, too."""
 MAX_PAIRS = 6
 """Pairs of sections that become rows of a time step in one exchange, the deepest ones."""
 
@@ -81,7 +83,7 @@ class Exchange:
             for t in (gap.step - 1, gap.step):
                 if t >= 0:
                     key = (t, gap.body)
-                    self.extra[key] = self.extra.get(key, 0.0) + missing
+                    self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * missing
                     self._add_at(t, gap)
         for t, rows in self.rows.items():
             self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)

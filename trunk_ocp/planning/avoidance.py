@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..contact.clearance import gaps_between_steps
 from ..contact.exchange import Exchange
 from .plan import Plan
 from .planning_run import PlanningRun
@@ -24,8 +23,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
         if not exchange.add(plan.x, plan.shape):
-            gaps = gaps_between_steps(plan.motion, plan.x, plan.loads, plan.shape, precise=True)
-            if not exchange.tighten(gaps):
+            if not exchange.tighten(plan.clearance.between):
                 break
         reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         again = replace(

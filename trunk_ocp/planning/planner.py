@@ -20,7 +20,7 @@ from .._support.blas_threads import one_thread
 from .._support.provenance import versions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
-from ..nlp.ipopt_options import ROUGH_OPTIONS
+from ..nlp.ipopt_options import CONTACT_OPTIONS, ROUGH_OPTIONS
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -94,6 +94,7 @@ def plan_motion(
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
+    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, solves=[], _ready={})
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
@@ -108,15 +109,15 @@ def plan_motion(
     else:
         plan = _refined(run.run(), run)
         if motion.contact:
-            plan = clear_of_bodies(plan, run)
-    parts: list[Optimizer | Plan] = [optimizer, rough, *([given] if given else [])]
+            plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
+    parts: list[Optimizer | Plan] = [optimizer, rough, avoiding, *([given] if given else [])]
     plan = plan.with_record(
         **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},
         total_seconds=time.perf_counter()
         - began
         + (given.total_seconds if given else 0)
         + (checkpoint.seconds if checkpoint else 0),
-        solves=(*(given.solves if given else ()), *rough.solves, *optimizer.solves),
+        solves=(*(given.solves if given else ()), *rough.solves, *optimizer.solves, *avoiding.solves),
         versions=versions(),
         options=asdict(options),
         notes=(*plan.notes, *plan.verification.doubts),
