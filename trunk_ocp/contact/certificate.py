@@ -14,6 +14,9 @@ the corners, times `SAFETY`, because the grid only samples them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from ..model.solids import Solid, signed_distance
@@ -25,123 +28,93 @@ SAFETY = 2.0
 
 def bounds_along(discs: Tube, solid: Solid) -> np.ndarray:
     """Lower bounds (H, n - 1) of the gap from a solid between neighboring discs of each shape."""
-    center = discs.center
-    distance, normal = signed_distance(solid, (center[:, :-1] + center[:, 1:]) / 2)
-    middle = (center[:, :-1] + center[:, 1:]) / 2
-    corners = [_corner(discs, distance, normal, middle, slice(None), part) for part in _ENDS]
-    return np.asarray(np.minimum(*corners) - error_along(discs))
+    return _solid_bounds([discs], solid) - error_along(discs)
 
 
-def bounds_between(discs: Tube, times: np.ndarray, solid: Solid) -> np.ndarray:
-    """Lower bounds (H - 1, n - 1) of the gap from a solid in cells between discs and instants.
+def bounds_between(first: Tube, last: Tube, error: np.ndarray, solid: Solid) -> np.ndarray:
+    """Lower bounds (C, n - 1) of the gap from a solid on cells from one instant to another.
 
-    times : (H,) in s, at least 3 of a smooth motion.
+    first, last : the C shapes at the start and the end of each cell.
+    error : (C, n - 1) from `cell_errors`.
     """
-    center = discs.center
-    middle = (center[:-1, :-1] + center[:-1, 1:] + center[1:, :-1] + center[1:, 1:]) / 4
-    distance, normal = signed_distance(solid, middle)
-    corners = [
-        _corner(discs, distance, normal, middle, instant, part)
-        for instant in _ENDS
-        for part in _ENDS
-    ]
-    return np.asarray(np.min(corners, axis=0) - cell_errors(discs, times))
+    return _solid_bounds([first, last], solid) - error
 
 
-def pair_bounds(discs: Tube, pairs: np.ndarray, times: np.ndarray | None = None) -> np.ndarray:
-    """Lower bounds (H, P) of the gap between pairs of pieces of the trunk.
+def pair_bounds(instants: Sequence[Tube], error: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Lower bounds (C, P) of the gap between pairs of pieces of the trunk.
 
+    instants : the C shapes, or those at the start and the end of each cell.
+    error : (C, n - 1) from `error_along` or `cell_errors`.
     pairs : (P, 2), pieces by their first disc.
-    times : (H,) in s; if given, the bounds (H - 1, P) hold between instants.
     """
-    instants = (slice(None),) if times is None else _ENDS
-    error = error_along(discs) if times is None else cell_errors(discs, times)
-    corners = [(instant, end) for instant in instants for end in (0, 1)]
     pieces = [
-        [(discs[instant], pairs[:, side] + end) for instant, end in corners] for side in (0, 1)
+        [(discs, pairs[:, side] + end) for discs in instants for end in (0, 1)] for side in (0, 1)
     ]
-    middles = [sum(part.center[:, index] for part, index in ends) / len(ends) for ends in pieces]
+    middles = [sum(discs.center[:, i] for discs, i in ends) / len(ends) for ends in pieces]
     between = middles[0] - middles[1]
-    distance = np.sqrt(dot(between, between))[..., None]
-    normal = between / np.where(distance > 0, distance, 1.0)
-    low = np.min([_extent(part, index, normal, -1) for part, index in pieces[0]], axis=0)
-    high = np.max([_extent(part, index, normal, 1) for part, index in pieces[1]], axis=0)
+    normal = between / _positive(np.sqrt(dot(between, between)))[..., None]
+    low = np.min([_extent(discs, i, normal, -1) for discs, i in pieces[0]], axis=0)
+    high = np.max([_extent(discs, i, normal, 1) for discs, i in pieces[1]], axis=0)
     return np.asarray(low - high - error[:, pairs[:, 0]] - error[:, pairs[:, 1]])
 
 
-def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
-    """Largest (side 1) or least (-1) coordinate of discs (H, P) along unit vectors."""
+def error_along(discs: Tube) -> np.ndarray:
+    """How far surface points between two discs are from the chords of their ends, (H, n - 1)."""
+    center, tangent = (np.diff(values, axis=1) for values in (discs.center, discs.tangent))
+    growth, turned = np.abs(np.diff(discs.radius, axis=1)), _norm(tangent)
+    spin = np.maximum(turned[:, 1:], turned[:, :-1])
+    bend = (
+        _norm(np.diff(center, axis=1))
+        + discs.radius[:, 1:-1] * (_norm(np.diff(tangent, axis=1)) + spin**2)
+        + 2 * np.maximum(growth[:, 1:], growth[:, :-1]) * spin
+    )
+    bend = np.pad(bend, ((0, 0), (1, 1)), mode="edge")
+    return np.asarray(SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
+
+
+def cell_errors(first: Tube, middle: Tube, last: Tube) -> np.ndarray:
+    """The error e (C, n - 1) on both halves of C cells, given the shapes at half of their time."""
+    tubes = (first, middle, last)
+    along = np.max([error_along(discs) for discs in tubes], axis=0)
+    centers, tangents, radii = (
+        [getattr(discs, name) for discs in tubes] for name in ("center", "tangent", "radius")
+    )
+    spin = np.maximum(*(_norm(b - a) for a, b in pairwise(tangents)))
+    growth = np.maximum(*(np.abs(b - a) for a, b in pairwise(radii)))
+    bend = (
+        _norm(_second(centers))
+        + middle.radius * (_norm(_second(tangents)) + spin**2)
+        + np.abs(_second(radii))
+        + 2 * growth * spin
+    )
+    return np.asarray(along + SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
+
+
+def _solid_bounds(instants: Sequence[Tube], solid: Solid) -> np.ndarray:
+    """Least value of the linear bound of a distance over the discs at the corners of cells."""
+    middle = sum(discs.center[:, :-1] + discs.center[:, 1:] for discs in instants)
+    middle = middle / (2 * len(instants))
+    distance, normal = signed_distance(solid, middle)
+    corners = [
+        _extent(discs, part, normal, -1) for discs in instants for part in (np.s_[:-1], np.s_[1:])
+    ]
+    return np.asarray(distance - dot(normal, middle) + np.min(corners, axis=0))
+
+
+def _extent(discs: Tube, index: slice | np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
+    """Largest (side 1) or least (-1) coordinate of some discs along unit vectors."""
     along = dot(normal, discs.tangent[:, index])
     reach = discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))
     return np.asarray(dot(normal, discs.center[:, index]) + side * reach)
 
 
-_ENDS = (slice(None, -1), slice(1, None))
-
-
-def _corner(
-    discs: Tube,
-    distance: np.ndarray,
-    normal: np.ndarray,
-    middle: np.ndarray,
-    instant: slice,
-    part: slice,
-) -> np.ndarray:
-    """Least value on one corner's discs of the linear function that bounds the distance."""
-    center, tangent = discs.center[instant, part], discs.tangent[instant, part]
-    along = dot(normal, tangent)
-    reach = discs.radius[instant, part] * np.sqrt(np.maximum(1 - along**2, 0.0))
-    return np.asarray(distance + dot(normal, (center - middle)) - reach)
-
-
-def error_along(discs: Tube) -> np.ndarray:
-    """How far surface points between two discs are from the chords of their ends, (H, n - 1)."""
-    first = [np.diff(values, axis=1) for values in (discs.center, discs.tangent)]
-    growth = np.abs(np.diff(discs.radius, axis=1))
-    turned = _norm(first[1])
-    second = [_norm(np.diff(values, axis=1)) for values in first]
-    inner = _middle_max(turned) ** 2 + second[1]
-    bend = second[0] + discs.radius[:, 1:-1] * inner + 2 * _middle_max(growth * turned)
-    padded = np.pad(bend, ((0, 0), (1, 1)), mode="edge")
-    return np.asarray(SAFETY / 8 * np.maximum(padded[:, :-1], padded[:, 1:]))
-
-
-def cell_errors(discs: Tube, times: np.ndarray) -> np.ndarray:
-    """The error e of cells, (H - 1, n - 1)."""
-    along = error_along(discs)
-    step = np.diff(times)
-    accelerations = _accelerations(discs, times)  # (H, n)
-    largest = np.maximum(accelerations[:-1], accelerations[1:])
-    in_time = SAFETY / 8 * step[:, None] ** 2 * np.maximum(largest[:, :-1], largest[:, 1:])
-    return np.asarray(np.maximum(along[:-1], along[1:]) + in_time)
-
-
-def _accelerations(discs: Tube, times: np.ndarray) -> np.ndarray:
-    """Bounds (H, n) on the accelerations of surface points, in m/s^2, by second differences."""
-    step = np.diff(times)[:, None]
-    velocity = [
-        np.diff(values, axis=0) / step[..., None] for values in (discs.center, discs.tangent)
-    ]
-    growth = np.diff(discs.radius, axis=0) / step
-    spacing = (step[1:] + step[:-1]) / 2
-    center, turn = (_norm(np.diff(v, axis=0)) / spacing for v in velocity)
-    spin = _neighbors_max(_norm(velocity[1]))
-    swelling = np.abs(np.diff(growth, axis=0)) / spacing
-    radius = discs.radius[1:-1]
-    both = 2 * _neighbors_max(np.abs(growth)) * spin
-    inner = center + radius * (turn + spin**2) + swelling + both
-    return np.pad(inner, ((1, 1), (0, 0)), mode="edge")
+def _second(values: Sequence[np.ndarray]) -> np.ndarray:
+    return np.asarray(values[0] - 2 * values[1] + values[2])
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(dot(vectors, vectors)))
 
 
-def _middle_max(values: np.ndarray) -> np.ndarray:
-    """Larger of neighbors along the second axis."""
-    return np.asarray(np.maximum(values[:, 1:], values[:, :-1]))
-
-
-def _neighbors_max(values: np.ndarray) -> np.ndarray:
-    """Larger of neighbors along the first axis."""
-    return np.asarray(np.maximum(values[1:], values[:-1]))
+def _positive(lengths: np.ndarray) -> np.ndarray:
+    return np.where(lengths > 0, lengths, 1.0)

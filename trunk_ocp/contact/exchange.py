@@ -20,7 +20,7 @@ from ..model.solids import Solid
 from ..nlp.gap_rows import GapRow
 from ..problem.motion import Motion
 from ..rod.shape import Shape
-from .clearance import SELF, Gap
+from .gaps import SELF, Gap
 from .tube import Tube, pair_gaps, seen_by, solid_gaps, tube
 
 GRID = 256

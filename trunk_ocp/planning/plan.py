@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from .._support.wording import rounded
-from ..contact.clearance import Clearance, gaps_at_steps, gaps_between_steps
+from ..contact.between import gaps_between_steps
+from ..contact.clearance import Clearance
+from ..contact.gaps import gaps_at_steps
 from ..errors import TrunkError
 from ..model.loads import Loads
 from ..nlp.gap_rows import GapRow
