@@ -1,4 +1,4 @@
-"""Gaps between time steps: time is halved until lower bounds decide whether gaps are large enough."""
+"""Gaps between time steps: time is halved until bounds decide whether gaps are large enough."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import StaticsError
 from ..model.loads import Loads
 from ..model.solids import Solid
-from ..problem.interpolation import interpolate, loads_at
+from ..problem.interpolation import interpolate_all, loads_at, loads_before
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
@@ -37,9 +37,7 @@ def gaps_between_steps(
     """
     samples = _Samples(motion, x, loads, shape)
     moving = [
-        t
-        for t in range(len(x))
-        if motion.phases[motion.steps[t].phase].interpolation != "none"
+        t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
     ]
     times = np.append(0.0, motion.times)
     grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1) for t in moving]
@@ -133,10 +131,8 @@ class _Way:
 class _Samples:
     """Shapes of the moving trunk at instants, solved in batches."""
 
-    def __init__(
-        self, motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape
-    ) -> None:
-        self.motion, self._loads, self._shape = motion, loads, shape
+    def __init__(self, motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> None:
+        self.motion, self._planned, self._shape = motion, loads, shape
         controls = np.concatenate([np.zeros((1, x.shape[1])), x])
         centers = log_centers(motion)[: len(controls)]
         self._values = np.concatenate([controls, centers], axis=1)
@@ -150,22 +146,18 @@ class _Samples:
         if not sum(counts):
             return [np.zeros(0, dtype=int) for _ in times]
         try:
-            index = self._solve(np.repeat(steps, counts), np.concatenate(times))
-            return np.split(index, np.cumsum(counts)[:-1])
+            return np.split(self._solve(steps, times), np.cumsum(counts)[:-1])
         except StaticsError:
             if len(steps) == 1:
                 return [np.full(times[0].size, -1)]
             parts = zip(steps, times, strict=True)
             return [self.add([step], [part])[0] for step, part in parts]
 
-    def _solve(self, steps: np.ndarray, times: np.ndarray) -> np.ndarray:
+    def _solve(self, steps: Sequence[int], parts: Sequence[np.ndarray]) -> np.ndarray:
         motion, count = self.motion, len(self._values) - 1
-        starts = np.append(0.0, motion.times)[steps]
-        values = np.array([interpolate(motion, self._values, t) for t in times])
-        loads = [
-            loads_at(motion, self._loads, t, after=bool(t == start))
-            for t, start in zip(times, starts, strict=True)
-        ]
+        times = np.concatenate(parts)
+        values = interpolate_all(motion, self._values, times)
+        loads = [load for part in zip(steps, parts, strict=True) for load in self._loads_at(*part)]
         nearest = np.abs(motion.times[:count, None] - times).argmin(axis=0)
         muscles = len(motion.trunk.muscles)
         activation, head = values[:, :muscles], values[:, muscles : muscles + 2]
@@ -181,6 +173,16 @@ class _Samples:
             np.concatenate([self._tube.radius, new.radius]),
         )
         return np.arange(first, self.times.size)
+
+    def _loads_at(self, step: int, times: np.ndarray) -> list[Loads]:
+        """Loads on the way to a step (from 0), at its start after loads have jumped."""
+        start, end = np.append(0.0, self.motion.times)[step : step + 2]
+        inner = (start < times) & (times < end)
+        loads = iter(loads_before(self.motion, self._planned, step + 1, times[inner]))
+        return [
+            next(loads) if between else loads_at(self.motion, self._planned, t, after=t == start)
+            for t, between in zip(times.tolist(), inner.tolist(), strict=True)
+        ]
 
     def discs(self, index: np.ndarray) -> Tube:
         """The trunk at some samples, in space."""

@@ -50,7 +50,7 @@ def pair_bounds(instants: Sequence[Tube], error: np.ndarray, pairs: np.ndarray) 
     pieces = [
         [(discs, pairs[:, side] + end) for discs in instants for end in (0, 1)] for side in (0, 1)
     ]
-    middles = [sum(discs.center[:, i] for discs, i in ends) / len(ends) for ends in pieces]
+    middles = [np.mean([discs.center[:, i] for discs, i in ends], axis=0) for ends in pieces]
     between = middles[0] - middles[1]
     normal = between / _positive(np.sqrt(dot(between, between)))[..., None]
     low = np.min([_extent(discs, i, normal, -1) for discs, i in pieces[0]], axis=0)

@@ -87,7 +87,9 @@ def _sentence(small: Sequence[Gap], tol: float) -> str:
     at = f"at Z = {worst.Z:.2f} m" + (f" and {worst.other:.2f} m" if worst.other > 0 else "")
     when = f"worst at {worst.time:.3g} s, {steps}"
     if worst.depth <= tol:
-        return f"the trunk may be {1e3 * (worst.least - worst.bound):.2g} mm too close to {body} {at}"
+        return (
+            f"the trunk may be {1e3 * (worst.least - worst.bound):.2g} mm too close to {body} {at}"
+        )
     if worst.gap < 0:
         return f"the trunk enters {body} by {-1e3 * worst.gap:.3g} mm {at} ({when})"
     return (

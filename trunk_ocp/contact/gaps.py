@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,7 +118,7 @@ def solid_gap(solid: Solid, step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
     if len(tubes) == 1:
         bounds = bounds_along(tubes[0], solid)
     else:
-        bounds = bounds_between(*tubes, error, solid)
+        bounds = bounds_between(tubes[0], tubes[1], error, solid)
     k, c, i = np.unravel_index(np.argmin(gaps), gaps.shape)
     least = bounds.min(axis=1)
     gap = Gap(
@@ -157,7 +156,7 @@ def self_gap(step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
             error = np.maximum(error, error_along(coarse[1]))
             error = error + np.maximum.reduceat(cells.error, _starts(cells.error, stride), axis=1)
         bounds = pair_bounds(coarse, error, pairs)
-        touching = np.any([apart(discs, pairs + [0, 1]) for discs in coarse], axis=0)
+        touching = np.any([apart(discs, pairs + LATER_END) for discs in coarse], axis=0)
         bounds = np.where(touching, bounds, np.inf)
         unsettled = bounds < (smallest - accuracy)[:, None]
         bound = np.minimum(bound, np.where(unsettled, np.inf, bounds).min(axis=1))
@@ -191,4 +190,5 @@ def _closer(
     where[closer] = places[closer]
 
 
+LATER_END = np.array([0, 1])  # the discs of a pair of pieces that are farthest apart
 _CHILDREN = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])

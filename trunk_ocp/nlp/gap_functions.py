@@ -73,7 +73,7 @@ def section_gap() -> ca.Function:
     normal, volume = between / length, w[14]
     gap = length
     for radius, q in ((p[0], w[3:7]), (p[1], w[10:14])):
-        gap -= _reach(radius, volume, ca.dot(normal, _tangent(q)))
+        gap = gap - _reach(radius, volume, ca.dot(normal, _tangent(q)))
     return ca.Function("section_gap", [w, p], [gap])
 
 
@@ -104,15 +104,14 @@ def _length(x: ca.SX) -> ca.SX:
 
 
 def _with_gradient(distance: Callable[[ca.SX, ca.SX], ca.SX]) -> Signed:
-    def both(x: ca.SX, sizes: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def signed(x: ca.SX, sizes: ca.SX) -> tuple[ca.SX, ca.SX]:
         at, of = ca.SX.sym("x", 3), ca.SX.sym("sizes", sizes.numel())
-        value = distance(at, of)
-        evaluated: tuple[ca.SX, ca.SX] = ca.Function(
-            "signed", [at, of], [value, ca.gradient(value, at)]
-        )(x, sizes)
-        return evaluated
+        symbolic = distance(at, of)
+        both = ca.Function("both", [at, of], [symbolic, ca.gradient(symbolic, at)])
+        value, gradient = both(x, sizes)
+        return value, gradient
 
-    return both
+    return signed
 
 
 def _capsule(x: ca.SX, sizes: ca.SX) -> ca.SX:

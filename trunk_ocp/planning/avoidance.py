@@ -1,4 +1,4 @@
-"""Planning clear of solids: a plan is made again with the gaps it has to keep until it keeps all."""
+"""Planning clear of solids: a plan is made again, with gaps to keep, until it keeps them all."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
-        if not exchange.add(plan.x, plan.shape):
-            if not exchange.tighten(plan.clearance.between):
-                break
+        if not exchange.add(plan.x, plan.shape) and not exchange.tighten(plan.clearance.between):
+            break
         reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         again = replace(
             run, mesh=plan.mesh, start=None, checkpoint=None, guess=plan.x, gaps=exchange.rows

@@ -110,14 +110,14 @@ def plan_motion(
         plan = _refined(run.run(), run)
         if motion.contact:
             plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
-    parts: list[Optimizer | Plan] = [optimizer, rough, avoiding, *([given] if given else [])]
+    parts: list[Optimizer | Plan] = [*([given] if given else []), rough, optimizer, avoiding]
     plan = plan.with_record(
         **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},
         total_seconds=time.perf_counter()
         - began
         + (given.total_seconds if given else 0)
         + (checkpoint.seconds if checkpoint else 0),
-        solves=(*(given.solves if given else ()), *rough.solves, *optimizer.solves, *avoiding.solves),
+        solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
         notes=(*plan.notes, *plan.verification.doubts),

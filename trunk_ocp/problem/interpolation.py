@@ -42,24 +42,43 @@ def interpolate(motion: Motion, values: np.ndarray, t: float) -> np.ndarray:
     InputError
         If t is outside the planned time by more than rounding error.
     """
-    times = _times(motion, len(values) - 1)
     t = planned_time(motion, len(values) - 1, t)
-    i = min(max(int(np.searchsorted(times, t)), 1), len(times) - 1)  # t in (t_(i-1), t_i]
-    if t == times[i]:
-        return values[i].copy()
+    return interpolate_all(motion, values, np.array([t]))[0]
+
+
+def interpolate_all(motion: Motion, values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Values (m, n) at times (m,) in s within the planned time; see `interpolate`."""
+    knots = _times(motion, len(values) - 1)
+    # Each time is in (knots[i - 1], knots[i]].
+    intervals = np.clip(np.searchsorted(knots, times), 1, len(knots) - 1)
+    result = np.empty((times.size, values.shape[1]))
+    for i in np.unique(intervals):
+        inside = intervals == i
+        result[inside] = _in_interval(motion, values, knots, int(i), times[inside])
+    return result
+
+
+def _in_interval(
+    motion: Motion, values: np.ndarray, times: np.ndarray, i: int, t: np.ndarray
+) -> np.ndarray:
+    """Values (m, n) at times t (m,) from time step i - 1, at `times`, to time step i."""
     phase = motion.steps[i - 1].phase
     kind = motion.phases[phase].interpolation
-    if t == 0 or kind == "none":
-        return values[i - 1].copy()
-    if kind == "cosine":
-        share = (1 - np.cos(np.pi * (t - times[i - 1]) / (times[i] - times[i - 1]))) / 2
-        return (1 - share) * values[i - 1] + share * values[i]
-    inside = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
-    knots = np.arange(inside[0] - 1, inside[-1] + 1)
-    slopes = np.zeros_like(values[knots])
-    if len(knots) > 2:
-        slopes[1:-1] = PchipInterpolator(times[knots], values[knots])(times[knots[1:-1]], 1)
-    return CubicHermiteSpline(times[knots], values[knots], slopes)(t)
+    if kind == "none":
+        inner = np.repeat(values[i - 1 : i], t.size, axis=0)
+    elif kind == "cosine":
+        share = (1 - np.cos(np.pi * (t - times[i - 1]) / (times[i] - times[i - 1])))[:, None] / 2
+        inner = (1 - share) * values[i - 1] + share * values[i]
+    else:
+        steps = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
+        knots = np.arange(steps[0] - 1, steps[-1] + 1)
+        slopes = np.zeros_like(values[knots])
+        if len(knots) > 2:
+            slopes[1:-1] = PchipInterpolator(times[knots], values[knots])(times[knots[1:-1]], 1)
+        inner = CubicHermiteSpline(times[knots], values[knots], slopes)(t)
+    inner[t == times[i]] = values[i]
+    inner[t == 0] = values[0]
+    return inner
 
 
 def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = False) -> Loads:
@@ -86,11 +105,25 @@ def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = F
     if at_step and not (after and step in _starts(motion, len(planned))):
         return planned[step - 1] if step else Loads(motion.gravity)
     end = step + 1 if at_step else step
-    table = _after_jumps(motion, _table(motion, planned), end)
-    row = table[step] if at_step else interpolate(motion, table, t)
+    if at_step:
+        row = _after_jumps(motion, _table(motion, planned), end)[step]
+        return _loads(planned, end, row)
+    return loads_before(motion, planned, end, np.array([t]))[0]
+
+
+def loads_before(
+    motion: Motion, planned: Sequence[Loads], step: int, times: np.ndarray
+) -> list[Loads]:
+    """Loads at times (m,) in s between time step `step` (from 1) and the one before."""
+    table = _after_jumps(motion, _table(motion, planned), step)
+    return [_loads(planned, step, row) for row in interpolate_all(motion, table, times)]
+
+
+def _loads(planned: Sequence[Loads], step: int, row: np.ndarray) -> Loads:
+    """Loads from a row of the table, on the way to a time step (from 1)."""
     tip = row[PARTS["tip_force"]] + row[PARTS["tip_mass"]] + row[PARTS["pull"]]
     contact = row[PARTS["contact"]]
-    touching = [load.contact_from for load in planned[max(end - 2, 0) : end]]
+    touching = [load.contact_from for load in planned[max(step - 2, 0) : step]]
     contact_from = touching[-1] if touching[-1] is not None else touching[0]
     return Loads(
         float(row[GRAVITY]), vector(tip), contact_from, vector(contact[:3]), vector(contact[3:])
