@@ -1,11 +1,13 @@
 """The distance from a solid against its surface, point by point, and against what defines it."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from trunk_ocp.errors import InputError
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.model.head import base_pose
 from trunk_ocp.model.solid_specs import SolidSpec
@@ -16,6 +18,9 @@ from trunk_ocp.model.solids import (
     in_head_frame,
     signed_distance,
 )
+from trunk_ocp.problem.mirror import mirror_order
+from trunk_ocp.problem.step_solids import head_solids
+from trunk_ocp.rod.statics import solve_statics
 
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "half-space": 0, "box": 3, "ellipsoid": 3}
 SHAPES = list(SIZES)
@@ -235,3 +240,53 @@ def test_the_base_of_the_trunk_moves_with_the_head():
         points = np.random.default_rng(1).normal(size=(7, 3))
         back = in_head_frame(trunk, from_head_frame(trunk, points, angles), angles)
         np.testing.assert_allclose(back, points, atol=1e-14)
+
+
+# --- the elephant's head -----------------------------------------------------------------------
+
+
+def gap(trunk, solid, shape, head):
+    """Smallest distance of the surface of a trunk from a solid that it must keep clear of."""
+    Z = np.linspace(0, trunk.length, 200)
+    Z = Z[(Z >= solid.Z[0]) & (Z <= solid.Z[1])]
+    points = in_head_frame(trunk, shape.position(Z), np.array(head))
+    radius = trunk.radius(Z) * 1.1  # contracted, it is thicker
+    return (signed_distance(solid, points)[0] - radius).min()
+
+
+def test_the_passive_trunk_hangs_clear_of_the_head():
+    trunk = load_anatomy("asian-elephant")
+    shape = solve_statics(trunk, np.zeros(len(trunk.muscles)))
+    solids = head_solids(trunk)
+    assert len(solids) >= 5
+    assert min(gap(trunk, solid, shape, (0, 0)) for solid in solids) > 0.05
+
+
+def test_the_mouth_is_on_the_surface_of_the_head_and_opens_outward():
+    trunk = load_anatomy("asian-elephant")
+    mouth = np.array(trunk.head.mouth.point)
+    direction = np.array(trunk.head.mouth.direction) / np.linalg.norm(trunk.head.mouth.direction)
+    distances = [signed_distance(solid, mouth) for solid in head_solids(trunk)]
+    nearest, normal = min(distances, key=lambda pair: pair[0])
+    assert nearest == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(normal, direction, atol=1e-9)
+
+
+def test_the_tip_reaches_the_mouth_between_the_jaws():
+    trunk = load_anatomy("asian-elephant")
+    mouth, outward = (np.array(v) for v in (trunk.head.mouth.point, trunk.head.mouth.direction))
+    axis = mouth + np.linspace(0, 0.3, 50)[:, None] * outward / np.linalg.norm(outward)
+    for solid in head_solids(trunk):
+        distance, _ = signed_distance(solid, axis)
+        if solid.name == "upper jaw":  # the mouth is on its surface
+            assert solid.Z[1] < trunk.length - 1.1 * trunk.radius(trunk.length)
+        else:
+            assert distance.min() > 1.1 * trunk.radius(trunk.length)
+
+
+def test_the_head_is_its_own_mirror_image():
+    trunk = load_anatomy("asian-elephant")
+    assert sorted(mirror_order(trunk)) == list(range(len(trunk.muscles)))
+    one_eared = replace(trunk.head, body=trunk.head.body[:-1])
+    with pytest.raises(InputError, match="not its own mirror image"):
+        mirror_order(replace(trunk, head=one_eared))

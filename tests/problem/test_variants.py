@@ -201,9 +201,10 @@ def test_obstacles_are_mirrored(hard):
     points = np.random.default_rng(3).uniform(-1, 2, (50, 3))
     image = mirrored_motion(hard)
     for step, other in zip(hard.steps, image.steps, strict=True):
-        pairs = [s for s in zip(step.solids, other.solids, strict=True) if s[0].group != "log"]
-        assert len(pairs) >= 2
-        for solid, reflected in pairs:
+        pairs = zip(step.solids, other.solids, strict=True)
+        obstacles = [pair for pair in pairs if pair[0].group == "obstacles"]
+        assert len(obstacles) >= 2
+        for solid, reflected in obstacles:
             assert solid.name == reflected.name
             there = signed_distance(reflected, points * [1, -1, 1])[0]
             np.testing.assert_allclose(there, signed_distance(solid, points)[0], atol=1e-14)
