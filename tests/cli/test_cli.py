@@ -61,6 +61,20 @@ def test_results_are_in_a_folder_named_by_the_mode(tmp_path, text, mode):
     assert summary(tmp_path / "out" / mode)["mode"] == mode
 
 
+def test_contact_of_the_command_is_saved_with_the_plan(tmp_path):
+    path = written(tmp_path, TOUCH + "\n[contact]\nlog = true\n")
+    for option, kinds in (("self,head", {"self", "head"}), ("none", set())):
+        result = run(path, "--contact", option, "--out", tmp_path / option)
+        assert result.exit_code == 0, result.output
+        assert load_plan(tmp_path / option / "horizon").motion.contact == kinds
+
+
+def test_contact_with_what_does_not_exist_is_a_usage_error(tmp_path):
+    result = run(written(tmp_path, POINT), "--contact", "ground", "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert "expected all, none, or some of self, head, log, obstacles" in result.output
+
+
 @pytest.mark.parametrize("text", [TOUCH, POINT], ids=["one step", "four steps"])
 def test_both_modes_are_compared(tmp_path, text):
     result = run(written(tmp_path, text), "--out", tmp_path / "out", "--mode", "both")

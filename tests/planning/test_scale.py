@@ -16,7 +16,8 @@ pytestmark = pytest.mark.slow
 POWERS = {
     "gravity": -1, "Z": 1, "position": 1, "path": 1, "center": 1, "log_radius": 1, "radius": 1,
     "length": 1, "offset": 1, "contact_from": 1, "tip_force": 2, "contact_force": 2, "force": 2,
-    "contact_couple": 3, "tip_mass": 3, "pivot_radius": 1,
+    "contact_couple": 3, "tip_mass": 3, "pivot_radius": 1, "half_axes": 1, "half_sizes": 1,
+    "from": 1, "to": 1, "point": 1, "clearance": 1,
 }  # fmt: skip
 
 

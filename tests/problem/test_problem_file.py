@@ -49,6 +49,31 @@ angles_deg = [90.0, -60.0]
 center = [0.3, 0.0, 1.2]
 position_weights = [1.0, 1.0, 1.0]
 d3_weights = [0.0, 0.0, 0.0]
+
+[contact]
+log = true
+
+[[obstacles]]
+name = "post"
+shape = "capsule"
+from = [1.6, 0.2, 1.7]
+to = [1.6, 0.2, -0.5]
+radius = 0.06
+phases = ["second"]
+Z = [0.5, 1.7]
+
+[[obstacles]]
+name = "ground"
+shape = "half-space"
+point = [0.0, 0.0, 2.5]
+normal = [0.0, 0.0, -2.0]
+
+[[obstacles]]
+name = "crate"
+shape = "box"
+center = [2.0, 0.0, 1.5]
+half_sizes = [0.2, 0.3, 0.4]
+rotation_deg = [0.0, 0.0, 30.0]
 """
 
 # what is wrong | old text | new text | what the message must contain, piece by piece
@@ -121,6 +146,27 @@ psi_Z reversed | [-10.0, 10.0] | [10.0, -10.0] | bounds & head_z_deg & [10, -10]
 psi_Y reversed | [-15.0, 15.0] | [15.0, -15.0] | bounds & head_y_deg & [15, -15] & above
 phase reversed | [-2.5, 0.0] | [0.0, -2.5] | phases[1] & bounds & activation & [0, -2.5] & above
 change of psi_Z reversed | [-1.0, 2.0] | [2.0, -1.0] | phases[2] & change & head_z_deg & [2, -1]
+unknown key of an obstacle | to = [1.6 | too = [1.6 | obstacles[1].too & unknown key & Did you mean to?
+unknown shape | shape = "box" | shape = "cube" | obstacles[3].shape & 'cube' & sphere & half-space
+no shape | shape = "box" |  | obstacles[3].shape & missing & required
+key of another shape | radius = 0.06 | radius = 0.06\nnormal = [0.0, 0.0, 1.0] | obstacles[1] & takes from, to, radius & has no normal
+missing radius | radius = 0.06 |  | obstacles[1] & takes from, to, radius & radius is missing
+missing end | from = [1.6, 0.2, 1.7] |  | obstacles[1] & from is missing
+negative radius | radius = 0.06 | radius = -0.06 | obstacles[1].radius & -0.06 & greater than 0
+flat box | [0.2, 0.3, 0.4] | [0.2, 0.0, 0.4] | obstacles[3].half_sizes[2] & 0.0 & greater than 0
+normal of no length | [0.0, 0.0, -2.0] | [0.0, 0.0, 0.0] | obstacles[2] & normal & zero
+turned half-space | normal = | rotation_deg = [1, 2, 3]\nnormal = | obstacles[2] & point, normal & has no rotation_deg
+capsule of no length | to = [1.6, 0.2, -0.5] | to = [1.6, 0.2, 1.7] | obstacles[1] & same point & sphere
+two of one name | name = "ground" | name = "post" | obstacles[2].name & "post" & another solid
+named like the log | name = "ground" | name = "log" | obstacles[2].name & "log" & another solid
+unknown phase | phases = ["second"] | phases = ["third"] | obstacles[1].phases & "third" & first, second
+no phase | phases = ["second"] | phases = [] | obstacles[1].phases & at least 1
+part reversed | Z = [0.5, 1.7] | Z = [1.7, 0.5] | obstacles[1] & Z & [1.7, 0.5] & first < second
+part beyond the tip | Z = [0.5, 1.7] | Z = [0.5, 1.8] | obstacles[1].Z & [0.5, 1.8] & 1.75 m
+clearance below zero | phases = ["second"] | clearance = -0.1 | obstacles[1].clearance & -0.1 & greater
+unknown frame | phases = ["second"] | frame = "body" | obstacles[1].frame & 'body' & head
+unknown contact | log = true | logs = true | contact.logs & unknown key & Did you mean log?
+contact by number | log = true | log = 1 | contact.log & 1 & boolean
 change of psi_Y reversed | [-3.0, 4.0] | [4.0, -3.0] | phases[2] & change & head_y_deg & [4, -3]
 """  # noqa: E501  # one row a fault
 

@@ -11,6 +11,7 @@ from plans import MOTIONS, shipped, written
 from trunk_ocp.analysis.lookahead_study import equal_bounds
 from trunk_ocp.analysis.redundancy.ablation import motion_without
 from trunk_ocp.errors import InputError
+from trunk_ocp.model.solids import signed_distance
 from trunk_ocp.problem.build import as_built, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion
 
@@ -22,6 +23,9 @@ CHANGES = st.one_of(
     st.floats(0.5, 9.0).map(lambda rate: lambda motion: motion.limited(rate=rate)),
     st.just(mirrored_motion),
     st.just(equal_bounds),
+    st.sampled_from(["all", "none", "self,head", "log, obstacles"]).map(
+        lambda kinds: lambda motion: motion.with_contact(kinds)
+    ),
     st.sampled_from(MUSCLES).map(lambda name: lambda motion: motion_without(motion, (name,))),
 )
 HARD = """
@@ -64,6 +68,29 @@ angles_deg = [50.0, -50.0]
 center = [0.5, 0.2, 1.0]
 position_weights = [1.0, 1.0]
 d3_weights = [1.0, 0.0]
+[contact]
+obstacles = true
+[[obstacles]]
+name = "crate"
+shape = "box"
+center = [0.3, 0.8, 0.4]
+half_sizes = [0.1, 0.2, 0.3]
+rotation_deg = [20.0, -30.0, 40.0]
+phases = ["pull"]
+[[obstacles]]
+name = "pole"
+shape = "capsule"
+from = [0.9, -0.8, 1.7]
+to = [0.8, -0.9, -0.4]
+radius = 0.1
+clearance = 0.02
+frame = "head"
+Z = [0.5, 1.75]
+[[obstacles]]
+name = "slope"
+shape = "half-space"
+point = [0.0, 0.0, 2.5]
+normal = [0.1, 0.2, -3.0]
 """
 
 
@@ -146,3 +173,52 @@ def heavier(motion):
 
 def test_a_variant_is_built_from_the_spec_alone(hard):
     assert as_built(mirrored_motion(heavier(hard)).shifted((0.01, 0.0, 0.0)))
+
+
+def test_obstacles_are_there_in_their_phases_and_stay_where_they_are(hard):
+    reach, pull = hard.steps[0], hard.steps[-1]
+    assert [solid.name for solid in reach.solids if solid.group == "obstacles"] == ["pole", "slope"]
+    assert [solid.name for solid in pull.solids if solid.group == "obstacles"] == [
+        "crate", "pole", "slope"
+    ]  # fmt: skip
+    assert hard.shifted((0.1, 0.2, 0.3)).steps[0].solids == reach.solids
+    pole = reach.solids[-2]
+    assert (pole.frame, pole.clearance, pole.Z) == ("head", 0.02, (0.5, 1.75))
+
+
+def test_the_log_is_a_solid_wherever_it_has_a_place(hard):
+    for name in ("lift-log", "lift-log-asymmetric"):
+        for step in shipped(name).steps:
+            (log,) = (solid for solid in step.solids if solid.group == "log")
+            assert step.log.center == log.center
+            assert log.sizes == (step.log.radius, step.log.length / 2)
+            np.testing.assert_array_equal(log.axes[2], [0, 1, 0])
+            np.testing.assert_array_equal(np.cross(log.axes[0], log.axes[1]), log.axes[2])
+    assert not [solid for solid in hard.steps[0].solids if solid.group == "log"]
+
+
+def test_obstacles_are_mirrored(hard):
+    points = np.random.default_rng(3).uniform(-1, 2, (50, 3))
+    image = mirrored_motion(hard)
+    for step, other in zip(hard.steps, image.steps, strict=True):
+        pairs = zip(step.solids, other.solids, strict=True)
+        obstacles = [pair for pair in pairs if pair[0].group == "obstacles"]
+        assert len(obstacles) >= 2
+        for solid, reflected in obstacles:
+            assert solid.name == reflected.name
+            there = signed_distance(reflected, points * [1, -1, 1])[0]
+            np.testing.assert_allclose(there, signed_distance(solid, points)[0], atol=1e-14)
+
+
+@pytest.mark.parametrize("kinds", ["", "everything", "head self", "self,", "all,self", "none,log"])
+def test_contact_with_what_does_not_exist_is_refused(kinds):
+    with pytest.raises(InputError, match=r"contact = .*expected all, none, or some of self, head"):
+        shipped("lift-log").with_contact(kinds)
+
+
+def test_contact_of_a_variant_replaces_that_of_the_file(hard):
+    assert hard.contact == {"obstacles"}
+    assert hard.with_contact("all").contact == {"self", "head", "log", "obstacles"}
+    assert hard.with_contact("self, log").contact == {"self", "log"}
+    assert hard.with_contact("none").contact == set()
+    assert shipped("pick-fruit").contact == set()

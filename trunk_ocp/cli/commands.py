@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from .command_base import Command, LazyGroup
-from .option_types import Number, out_option
+from .option_types import Number, contact_option, out_option
 from .safe_streams import standard_output
 
 
@@ -34,6 +34,7 @@ from .safe_streams import standard_output
     metavar="H",
     help="Plan H time steps at a time (receding horizon); replaces --mode.",
 )
+@contact_option
 @out_option("Folder for results.  [default: results/PROBLEM]")
 @click.option(
     "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."

@@ -12,7 +12,15 @@ from ..planning.checkpoint import FILE
 from ..planning.plan import Plan, Status
 from ..planning.results_folder import is_of
 from ..planning.storage import SOLUTION, load_plan
+from ..problem.build import load_motion
+from ..problem.motion import Motion
 from ..problem.problem_file import ProblemSpec
+
+
+def load_problem(problem: str, contact: str | None) -> Motion:
+    """Load a motion, with the contact that --contact asks for."""
+    motion = load_motion(problem)
+    return motion if contact is None else motion.with_contact(contact)
 
 
 def load_run(run: str) -> tuple[Path, dict[Path, Plan]]:

@@ -22,6 +22,14 @@ def out_option(text: str) -> Callable[[Any], Any]:
     return click.option("--out", type=folder, metavar="DIR", help=text)
 
 
+contact_option = click.option(
+    "--contact",
+    metavar="all|none|KIND,...",
+    help="Keep the trunk out of itself (self), the head, the log and the obstacles; replaces the "
+    "[contact] of the problem file.",
+)
+
+
 class Number(Type):
     """A number within the range that `RANGES` has for a kind of option."""
 

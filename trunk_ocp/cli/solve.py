@@ -32,10 +32,9 @@ from ..planning.results_folder import (
     sign,
 )
 from ..planning.storage import activations_table, save_plan, summary
-from ..problem.build import load_motion
 from ..problem.motion import Motion
 from ..reporting import Reporter
-from .common import print_outcome, print_plain
+from .common import load_problem, print_outcome, print_plain
 from .error_messages import warn, warn_on_failure
 from .exit_codes import INTERRUPTED
 from .interrupts import Interrupts
@@ -48,6 +47,7 @@ def run_solve(
     problem: str,
     mode: str,
     lookahead: int | None,
+    contact: str | None,
     out: Path | None,
     options: Options,
     resume: bool,
@@ -61,7 +61,7 @@ def run_solve(
     console = Console(file=standard_output(), quiet=quiet or as_json, highlight=False)
     interrupts = Interrupts.current or Interrupts()
     interrupts.hint = f"Resume with: {resume_command}"
-    motion = load_motion(problem)
+    motion = load_problem(problem, contact)
     for warning in motion.warnings:
         warn(warning)
     folder = out or default_folder(problem, motion)

@@ -20,13 +20,12 @@ from ..analysis.redundancy import AblationResult, ablate_muscles, analyze_redund
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
-from ..problem.build import load_motion
 from ..problem.motion import Motion
 from ..reporting import Reporter
-from .common import load_run, print_plain
+from .common import load_problem, load_run, print_plain
 from .error_messages import warn_on_failure
 from .interrupts import Interrupts
-from .option_types import Number, Numbers, out_option
+from .option_types import Number, Numbers, contact_option, out_option
 from .tables import foresight_table, optima_table, redundancy_table, survey_table, version_table
 
 no_figures_option = click.option("--no-figures", is_flag=True, help="Skip the figures.")
@@ -102,6 +101,7 @@ def _study_options(command: Callable[..., None]) -> Callable[..., None]:
             help="Number of plans to solve in parallel.  [default: one per core]",
         ),
         out_option("Folder for results.  [default: results/PROBLEM/COMMAND]"),
+        contact_option,
     ):
         command = option(command)
     return command
@@ -155,6 +155,7 @@ def compare_command(
     max_rate: float | None,
     lookaheads: list[int] | None,
     no_figures: bool,
+    contact: str | None,
     out: Path | None,
     processes: int | None,
     as_json: bool,
@@ -172,7 +173,7 @@ def compare_command(
     Exit codes: 0 if the horizon plan is solved and verified; otherwise as for solve-motion.
     """
     console = Console(quiet=as_json, highlight=False)
-    motion = load_motion(problem)
+    motion = load_problem(problem, contact)
     folder = _study_folder(problem, motion, out, "compare")
     with _plan_progress(console, motion.name) as (reporter, done):
         result = compare_lookaheads(
@@ -221,6 +222,7 @@ def survey_command(
     max_rates: list[float | None],
     lookaheads: list[int] | None,
     no_figures: bool,
+    contact: str | None,
     out: Path | None,
     processes: int | None,
     as_json: bool,
@@ -235,7 +237,7 @@ def survey_command(
     as trunk-ocp compare for each further pair of limits.
     """
     console = Console(quiet=as_json, highlight=False)
-    motion = load_motion(problem)
+    motion = load_problem(problem, contact)
     folder = _study_folder(problem, motion, out, "survey")
     with _plan_progress(console, f"{motion.name}, limits") as (reporter, done):
         cells = survey_limits(
@@ -293,6 +295,7 @@ def optima_command(
     lookahead: int | None,
     starts: int,
     seed: int,
+    contact: str | None,
     out: Path | None,
     processes: int | None,
     as_json: bool,
@@ -304,7 +307,7 @@ def optima_command(
     one core.
     """
     console = Console(quiet=as_json, highlight=False)
-    motion = load_motion(problem)
+    motion = load_problem(problem, contact)
     folder = _study_folder(problem, motion, out, "optima")
     with _plan_progress(console, motion.name) as (reporter, done):
         result = find_optima(motion, lookahead, starts, seed, None, processes, reporter, done)

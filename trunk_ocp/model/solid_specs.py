@@ -102,7 +102,7 @@ class SolidSpec(FromKey):
             )
         if self.Z is not None and not 0 <= self.Z[0] < self.Z[1]:
             raise ValueError(
-                f"Z = [{self.Z[0]:g}, {self.Z[1]:g}]: expected 0 <= first < second, in m"
+                f"expected 0 <= first < second in Z = [{self.Z[0]:g}, {self.Z[1]:g}], in m"
             )
         return self
 

@@ -193,19 +193,24 @@ def _box(x: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ellipsoid(x: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest point is y_i = a_i^2 x_i / (a_i^2 + t), with t > -min a_i^2 (Eberly)."""
-    a2 = sizes**2
+    """The nearest point is y_i = a_i^2 x_i / (a_i^2 + t), with t > -min a_i^2 (Eberly).
+
+    Newton's method finds s = t + min a_i^2, as t itself cancels near the center.
+    """
     # On a plane of symmetry inside, the nearest point may leave the plane; step off it.
     x = np.where(np.abs(x) < 1e-12 * sizes.max(), 1e-12 * sizes.max(), x)
-    t = np.max(sizes * np.abs(x) - a2, axis=-1)  # left of the root, where Newton's method is safe
+    shortest = sizes.min()
+    excess = (sizes - shortest) * (sizes + shortest)
+    s = np.max(sizes * np.abs(x) - excess, axis=-1)  # left of the root, where the method is safe
     for _ in range(MAX_NEWTON_STEPS):
-        terms = (sizes * x / (a2 + t[..., None])) ** 2
-        step = (terms.sum(-1) - 1) / (2 * (terms / (a2 + t[..., None])).sum(-1))
-        t = t + step
-        if np.all(np.abs(step) <= 1e-15 * (np.abs(t) + a2.min())):
+        below = excess + s[..., None]
+        terms = (sizes * x / below) ** 2
+        step = (terms.sum(-1) - 1) / (2 * (terms / below).sum(-1))
+        s = s + step
+        if np.all(np.abs(step) <= 1e-15 * s):
             break
-    length, normal = _unit(x / (a2 + t[..., None]))
-    return t * length, normal
+    length, normal = _unit(x / (excess + s[..., None]))
+    return (s - shortest**2) * length, normal
 
 
 _DISTANCES: dict[str, Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
