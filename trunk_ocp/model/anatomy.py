@@ -32,6 +32,7 @@ from ..errors import InputError
 
 Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
+Vec3 = tuple[Number, Number, Number]
 
 ROUNDED_PI = 3.1416  # Table 1 prints pi with four decimals
 END_TOL = 1e-12
@@ -98,6 +99,19 @@ class MaterialSpec(Strict):
     density: NonNegative = Field(description="kg/m^3")
 
 
+class MouthSpec(Strict):
+    """Where the mouth is at head angles 0, m from the base at rest; it turns with the head."""
+
+    point: Vec3 = Field(description="m")
+    direction: Vec3 = Field(description="out of the mouth; of any length")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> MouthSpec:
+        if not any(self.direction):
+            raise ValueError("direction must not be the zero vector")
+        return self
+
+
 class HeadSpec(Strict):
     """Position of the base and how the head moves it (eqs. 35-39).
 
@@ -112,6 +126,9 @@ class HeadSpec(Strict):
     )
     xi_y_deg: Number = Field(default=0.0, description="angle of the pivot-to-base line about e_Y")
     xi_d_deg: Number = Field(default=0.0, description="angle of the trunk at the base about e_Y")
+    mouth: MouthSpec | None = Field(
+        default=None, description='the mouth, for targets with origin = "mouth"'
+    )
 
 
 class AnatomySpec(Strict):
@@ -177,12 +194,16 @@ class Muscle:
 
 @dataclass(frozen=True)
 class Head:
-    """Geometry of the head (eqs. 35-39): radius in meters, angles in radians."""
+    """Geometry of the head (eqs. 35-39): radius in meters, angles in radians.
+
+    `mouth` is its point in m and its unit direction, in the head's frame, or None.
+    """
 
     pivot_radius: float
     xi_z: float
     xi_y: float
     xi_d: float
+    mouth: tuple[Vec3, Vec3] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -294,10 +315,19 @@ def build_trunk(spec: AnatomySpec) -> Trunk:
             math.radians(spec.head.xi_z_deg),
             math.radians(spec.head.xi_y_deg),
             math.radians(spec.head.xi_d_deg),
+            _mouth(spec.head.mouth),
         ),
         edges=(*(spec.length * each.Z_over_length[0] for each in spec.segments), spec.length),
         subdomains=tuple(by_side["R"] + by_side["L"]),
     )
+
+
+def _mouth(spec: MouthSpec | None) -> tuple[Vec3, Vec3] | None:
+    """Point and unit direction of a mouth."""
+    if spec is None:
+        return None
+    (x, y, z), size = spec.direction, math.hypot(*spec.direction)
+    return spec.point, (x / size, y / size, z / size)
 
 
 def _subdomain(spec: MuscleSpec, side: Side, segment: int, length: float) -> Muscle:

@@ -25,10 +25,12 @@ def mirror_order(trunk: Trunk) -> np.ndarray:
     Raises
     ------
     InputError
-        If a muscle has none, or the head at rest is turned to one side.
+        If a muscle has none, or the head at rest is turned to one side or has its mouth there.
     """
     if trunk.head.xi_z != 0:
         raise InputError(f"{trunk.name}: its head is not its own mirror image (xi_z_deg is not 0).")
+    if any(y != 0 for _, y, _ in trunk.head.mouth or ()):
+        raise InputError(f"{trunk.name}: its mouth is not its own mirror image (Y is not 0).")
     places = {name: index for index, name in enumerate(trunk.muscles)}
     partners = [{"R": "L", "L": "R"}[m.side] + m.name[1:] for m in trunk.subdomains]
     for name, partner in zip(trunk.muscles, partners, strict=True):
