@@ -264,8 +264,8 @@ def test_the_passive_trunk_hangs_clear_of_the_head():
 
 def test_the_mouth_is_on_the_surface_of_the_head_and_opens_outward():
     trunk = load_anatomy("asian-elephant")
-    mouth = np.array(trunk.head.mouth.point)
-    direction = np.array(trunk.head.mouth.direction) / np.linalg.norm(trunk.head.mouth.direction)
+    mouth = np.array(trunk.head.mouth[0])
+    direction = np.array(trunk.head.mouth[1])
     distances = [signed_distance(solid, mouth) for solid in head_solids(trunk)]
     nearest, normal = min(distances, key=lambda pair: pair[0])
     assert nearest == pytest.approx(0, abs=1e-9)
@@ -274,7 +274,7 @@ def test_the_mouth_is_on_the_surface_of_the_head_and_opens_outward():
 
 def test_the_tip_reaches_the_mouth_between_the_jaws():
     trunk = load_anatomy("asian-elephant")
-    mouth, outward = (np.array(v) for v in (trunk.head.mouth.point, trunk.head.mouth.direction))
+    mouth, outward = (np.array(v) for v in trunk.head.mouth)
     axis = mouth + np.linspace(0, 0.3, 50)[:, None] * outward / np.linalg.norm(outward)
     for solid in head_solids(trunk):
         distance, _ = signed_distance(solid, axis)

@@ -14,7 +14,11 @@ from typing import Any
 import numpy as np
 
 from ..nlp.nlp_builder import Block
-from ..nlp.point_functions import squared_direction, squared_held_direction
+from ..nlp.point_functions import (
+    squared_direction,
+    squared_direction_in_head,
+    squared_held_direction,
+)
 from ..nlp.quantities import AXES, quantities
 from ..nlp.separable_nlp import SeparableNLP
 from ..nlp.window import Window
@@ -142,6 +146,8 @@ PARAMETERS = {
     "scaled_vector": ["minus the pull, in units of force"],
     "squared_distance": [f"target position {name}" for name in GOAL[:3]] + GOAL[3:],
     "squared_direction": [f"target direction {name}" for name in GOAL[:3]] + GOAL[3:],
+    "squared_distance_in_head": [*(f"target position {a}, in the head" for a in AXES), "weight"],
+    "squared_direction_in_head": [*(f"target direction {a}, in the head" for a in AXES), "weight"],
     "squared_held_direction": ["weight"],
     "square": ["weight of effort"],
     "squared_change": ["weight of rate, over the step's duration in s"],
@@ -162,7 +168,7 @@ def _parameters(window: Window) -> Iterator[dict[str, Any]]:
         director = _director(term.function)
         if director is not None:
             entry["director"] = director
-        if name in ("squared_distance", "squared_direction", "squared_held_direction"):
+        if name.startswith(("squared_distance", "squared_direction", "squared_held_direction")):
             entry["Z"] = Z[term.variables[0]].tolist()
         if name == "rates":
             entry["Z"] = "Gauss points, step by step"
@@ -174,7 +180,7 @@ def _parameters(window: Window) -> Iterator[dict[str, Any]]:
 
 def _director(function: Any) -> int | None:
     """Director, from 1, of a term about directions; None for other terms."""
-    for make in (squared_direction, squared_held_direction):
+    for make in (squared_direction, squared_direction_in_head, squared_held_direction):
         for j in range(3):
             if function.__hash__() == make(j).__hash__():
                 return j + 1

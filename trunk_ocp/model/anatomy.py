@@ -25,6 +25,7 @@ from .._support.toml_files import (
     Positive,
     Strict,
     Text,
+    Vec3,
     read_toml,
     shipped,
 )
@@ -192,7 +193,8 @@ class Muscle:
 class Head:
     """Geometry of the head (eqs. 35-39): radius in meters, angles in radians.
 
-    `body` and `mouth` are as in the anatomy file: at head angles 0, with the base as the origin.
+    `body` is as in the anatomy file; `mouth` is its point in m and its unit direction. Both are at
+    head angles 0, with the base as the origin.
     """
 
     pivot_radius: float
@@ -200,7 +202,7 @@ class Head:
     xi_y: float
     xi_d: float
     body: tuple[SolidSpec, ...] = ()
-    mouth: MouthSpec | None = None
+    mouth: tuple[Vec3, Vec3] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -313,11 +315,19 @@ def build_trunk(spec: AnatomySpec) -> Trunk:
             math.radians(spec.head.xi_y_deg),
             math.radians(spec.head.xi_d_deg),
             spec.head.body,
-            spec.head.mouth,
+            _mouth(spec.head.mouth),
         ),
         edges=(*(spec.length * each.Z_over_length[0] for each in spec.segments), spec.length),
         subdomains=tuple(by_side["R"] + by_side["L"]),
     )
+
+
+def _mouth(spec: MouthSpec | None) -> tuple[Vec3, Vec3] | None:
+    """Point and unit direction of a mouth."""
+    if spec is None:
+        return None
+    (x, y, z), size = spec.direction, math.hypot(*spec.direction)
+    return spec.point, (x / size, y / size, z / size)
 
 
 def _subdomain(spec: MuscleSpec, side: Side, segment: int, length: float) -> Muscle:

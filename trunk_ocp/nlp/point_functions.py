@@ -12,7 +12,8 @@ import casadi as ca
 
 from ..model.anatomy import Trunk
 from ..model.head import base_pose
-from ..model.quaternions import directors
+from ..model.quaternions import about_y, about_z, directors, product
+from ..model.solids import pivot
 from ..rod.equations import rate_arguments, rates
 
 
@@ -61,11 +62,34 @@ def squared_distance(length: float) -> ca.Function:
 
 
 @cache
+def squared_distance_in_head(trunk: Trunk) -> ca.Function:
+    """`squared_distance` for w = (r, head angles) from a target that turns with the head."""
+    w, p = ca.SX.sym("w", 5), ca.SX.sym("p", 4)
+    S = ca.DM(pivot(trunk))
+    difference = trunk.length * w[:3] - S - _turned(p[:3] - S, w[3:])
+    return ca.Function("squared_distance_in_head", [w, p], [p[3] * ca.sumsqr(difference)])
+
+
+def _turned(v: ca.SX, psi: ca.SX) -> ca.SX:
+    """A vector (3) of the head's frame in space, at head angles psi (2)."""
+    turn = directors(product(about_z(psi[0]), about_y(psi[1])))
+    return ca.vertcat(*(sum(v[i] * turn[i][k] for i in range(3)) for k in range(3)))
+
+
+@cache
 def squared_direction(j: int) -> ca.Function:
     """Weighted squared error of director j of q (4) against p = (direction, weight)."""
     q, p = ca.SX.sym("q", 4), ca.SX.sym("p", 4)
     difference = ca.vertcat(*_d(q, j)) - p[:3]
     return ca.Function("squared_direction", [q, p], [p[3] * ca.sumsqr(difference)])
+
+
+@cache
+def squared_direction_in_head(j: int) -> ca.Function:
+    """`squared_direction` for w = (q, head angles) from a direction that turns with the head."""
+    w, p = ca.SX.sym("w", 6), ca.SX.sym("p", 4)
+    difference = ca.vertcat(*_d(w[:4], j)) - _turned(p[:3], w[4:])
+    return ca.Function("squared_direction_in_head", [w, p], [p[3] * ca.sumsqr(difference)])
 
 
 @cache

@@ -21,7 +21,7 @@ from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
 from ..problem.motion import Motion, Step
-from ..problem.targets import Direction, HeldDirection
+from ..problem.targets import Direction, HeldDirection, Target
 from ..rod.collocation import Mesh
 from ..rod.equations import point_parameters
 from ..rod.shape import Shape
@@ -34,12 +34,15 @@ from .point_functions import (
     square,
     squared_change,
     squared_direction,
+    squared_direction_in_head,
     squared_distance,
+    squared_distance_in_head,
     squared_held_direction,
 )
 from .quantities import Meaning, quantities, units_of
 from .rod_block import Unknowns, rod_equations, step_points
 from .separable_nlp import SeparableNLP
+from .tracked_positions import TrackedPositions
 
 
 @dataclass(frozen=True)
@@ -269,18 +272,26 @@ class Window:
         for step, u in zip(self.steps, self.unknowns, strict=True):
             for target in step.targets:
                 q, r = u.points[target.Z]
+                turns = target.frame == "head"
+                if turns:
+                    q, r = np.append(q, u.x[-2:]), np.append(r, u.x[-2:])
                 if target.position is not None:
+                    distance = squared_distance(self.length)
+                    if turns:
+                        distance = squared_distance_in_head(self.motion.trunk)
                     goal = np.asarray(target.position)
                     weight = target.position_weight * squared_scale
-                    yield Goal(squared_distance(self.length), r, goal, weight, position)
+                    yield Goal(distance, r, goal, weight, position)
                 for j, d, weight in target.pairs():
                     if isinstance(d, HeldDirection) and not self._is_known(d):
-                        unknown = np.append(q, self.held[d])
+                        unknown = np.append(q[:4], self.held[d])
                         none = np.zeros(0)
                         yield Goal(squared_held_direction(j), unknown, none, weight, direction)
+                    elif isinstance(d, HeldDirection):
+                        yield Goal(squared_direction(j), q[:4], self.known[d], weight, direction)
                     else:
-                        goal = self.known[d] if isinstance(d, HeldDirection) else np.asarray(d)
-                        yield Goal(squared_direction(j), q, goal, weight, direction)
+                        make = squared_direction_in_head if turns else squared_direction
+                        yield Goal(make(j), q, np.asarray(d), weight, direction)
 
     def _tracking(self) -> None:
         """Add the cost of the distance to targets (eq. 42, squared)."""
@@ -357,32 +368,24 @@ class Window:
         return np.stack([full[u.x] for u in self.unknowns])
 
     @cached_property
-    def _tracked(self) -> tuple[np.ndarray, np.ndarray]:
-        """Indices (n, 3) of the positions with targets, and the targets (n, 3) in m."""
-        pairs = [
-            (u.points[target.Z][1], target.position)
-            for step, u in zip(self.steps, self.unknowns, strict=True)
-            for target in step.targets
-            if target.position is not None and target.position_weight > 0
-        ]
-        indices, goals = zip(*pairs, strict=True) if pairs else ((), ())
-        return np.array(indices, dtype=int).reshape(-1, 3), np.array(goals).reshape(-1, 3)
+    def _tracked(self) -> TrackedPositions:
+        """The positions that have a target."""
+        return TrackedPositions.of(
+            self.motion.trunk,
+            (
+                (target, u.points[target.Z][1], u.x[-2:])
+                for step, u in zip(self.steps, self.unknowns, strict=True)
+                for target in step.targets
+            ),
+        )
 
     def worst_error(self, full: np.ndarray) -> float:
         """Largest distance in m between the trunk and a target position."""
-        indices, goals = self._tracked
-        errors = np.linalg.norm(full[indices] * self.length - goals, axis=1)
-        return float(errors.max(initial=0.0))
+        return float(self._tracked.errors(full).max(initial=0.0))
 
     def target_errors(self, full: np.ndarray) -> tuple[np.ndarray, sp.csr_matrix]:
         """Distances (n,) in m to all target positions, and their Jacobian (n, variables)."""
-        indices, goals = self._tracked
-        offset = full[indices] * self.length - goals
-        errors = np.linalg.norm(offset, axis=1)
-        unit = offset / np.maximum(errors, np.finfo(float).tiny)[:, None]
-        rows = np.repeat(np.arange(len(errors)), 3)
-        slope = (self.length * unit.ravel(), (rows, indices.ravel()))
-        return errors, sp.csr_matrix(slope, shape=(len(errors), full.size))
+        return self._tracked.errors_and_slopes(full)
 
     def reached(self, full: np.ndarray) -> bool:
         """Whether every target of positive weight is met within the motion's tolerance."""
@@ -391,14 +394,17 @@ class Window:
             for target in step.targets:
                 for j, d, _ in target.pairs():
                     d_j = np.array(directors(full[u.points[target.Z][0]])[j])
-                    if not np.linalg.norm(d_j - self._goal(full, d)) <= direction:
+                    goal = self._goal(full, d, target, u)
+                    if not np.linalg.norm(d_j - goal) <= direction:
                         return False
         return self.worst_error(full) <= position
 
-    def _goal(self, full: np.ndarray, direction: Direction) -> np.ndarray:
-        """Value (3,) of a desired direction."""
+    def _goal(
+        self, full: np.ndarray, direction: Direction, target: Target, u: Unknowns
+    ) -> np.ndarray:
+        """Value (3,) in space of a direction that a target asks for."""
         if not isinstance(direction, HeldDirection):
-            return np.asarray(direction)
+            return target.direction_at(direction, full[u.x[-2:]])
         return self.known[direction] if self._is_known(direction) else full[self.held[direction]]
 
     def states_of(self, full: np.ndarray) -> np.ndarray:

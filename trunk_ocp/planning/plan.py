@@ -235,7 +235,7 @@ class Plan:
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
         """Errors of each step, from the independently integrated shapes."""
-        return step_errors(self.motion, self.verification)
+        return step_errors(self.motion, self.verification, self.head)
 
     @cached_property
     def objective(self) -> Objective:

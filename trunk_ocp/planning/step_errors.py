@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..problem.motion import Motion
-from ..problem.targets import Direction, HeldDirection
+from ..problem.targets import Direction, HeldDirection, Target
 from .verification import Verification
 
 
@@ -35,24 +34,33 @@ class StepErrors:
         )
 
 
-def step_errors(motion: Motion, verification: Verification) -> tuple[StepErrors, ...]:
-    """Errors of each verified step of a motion, from the independently integrated shapes."""
+def step_errors(
+    motion: Motion, verification: Verification, head: np.ndarray
+) -> tuple[StepErrors, ...]:
+    """Errors of each verified step of a motion, from the independently integrated shapes.
+
+    head : (H, 2), head angles of the steps in rad
+    """
     at = verification.at
 
-    def wanted(direction: Direction) -> np.ndarray:
+    def wanted(target: Target, direction: Direction, head: np.ndarray) -> np.ndarray:
         if isinstance(direction, HeldDirection):
             return at(direction.step, direction.Z)[1][direction.director]
-        return np.asarray(direction)
+        return target.direction_at(direction, head)
 
     errors = []
     for t, step in enumerate(motion.steps[: len(verification.targets)]):
         positions = [
-            (target.Z, _distance(at(t, target.Z)[0], target.position), target.position_weight)
+            (
+                target.Z,
+                _distance(at(t, target.Z)[0], target.position_at(motion.trunk, head[t])),
+                target.position_weight,
+            )
             for target in step.targets
             if target.position is not None and target.position_weight > 0
         ]
         directions = [
-            (target.Z, _distance(at(t, target.Z)[1][j], wanted(direction)), weight)
+            (target.Z, _distance(at(t, target.Z)[1][j], wanted(target, direction, head[t])), weight)
             for target in step.targets
             for j, direction, weight in target.pairs()
         ]
@@ -60,8 +68,8 @@ def step_errors(motion: Motion, verification: Verification) -> tuple[StepErrors,
     return tuple(errors)
 
 
-def _distance(a: np.ndarray, b: Sequence[float] | np.ndarray) -> float:
-    return float(np.linalg.norm(a - np.asarray(b)))
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.linalg.norm(a - b))
 
 
 def _columns(rows: list[tuple[float, float, float]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -35,6 +35,8 @@ def mirror_order(trunk: Trunk) -> np.ndarray:
     body, points = head_solids(trunk), _points(trunk.length)
     if not np.allclose(_measured(body, points), _measured(body, points * [1, -1, 1])):
         raise InputError(f"{trunk.name}: the body of its head is not its own mirror image.")
+    if any(y != 0 for _, y, _ in trunk.head.mouth or ()):
+        raise InputError(f"{trunk.name}: its mouth is not its own mirror image (Y is not 0).")
     places = {name: index for index, name in enumerate(trunk.muscles)}
     partners = [{"R": "L", "L": "R"}[m.side] + m.name[1:] for m in trunk.subdomains]
     for name, partner in zip(trunk.muscles, partners, strict=True):

@@ -213,6 +213,8 @@ class Motion:
     def shifted(self, offset: Vector) -> Motion:
         """The same motion with every target position moved by `offset` (3,) in m.
 
+        Targets in the head's frame, such as those at the mouth, move by it in that frame.
+
         Raises
         ------
         InputError

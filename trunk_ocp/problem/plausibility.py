@@ -257,7 +257,9 @@ def _first_way_point(
     place = np.asarray(last.position) + points[0] - points[-1]
     asked = before.targets if before else ()
     if any(
-        t.Z == spec.Z and t.position is not None and math.dist(t.position, place) <= near
+        (t.Z, t.frame) == (spec.Z, last.frame)
+        and t.position is not None
+        and math.dist(t.position, place) <= near
         for t in asked
     ):
         return
@@ -340,7 +342,8 @@ def _targets(phase: PhaseSpec, where: str, steps: list[Step], motion: Motion) ->
             if target.position is None or target.position_weight == 0:
                 continue
             away = math.hypot(*target.position)
-            reach = target.Z * stretch + 2 * pivot
+            moves = 0.0 if target.frame == "head" else 2 * pivot  # of the base in that frame
+            reach = target.Z * stretch + moves
             if away > reach + motion.tolerance[0]:
                 yield _too_far(phase, n, target.source, target.position, reach)
                 return

@@ -18,6 +18,7 @@ from ..model.solid_specs import MAX_SOLIDS, ContactSpec, ObstacleSpec
 
 Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
+Frame = Literal["space", "head"]
 
 MAX_STEPS = 1000
 """Most steps of a motion; as one NLP, more would take minutes and gigabytes."""
@@ -105,7 +106,14 @@ class TargetSpec(Strict):
     position: Vec3 | None = Field(default=None, description="wanted position of the point, m")
     path: ControlPoints | None = Field(default=None, description=PATH)
     through: WayPoints | None = Field(default=None, description=THROUGH)
-    origin: Origin = Field(default="base", description=ORIGIN)
+    origin: Origin | Literal["mouth"] = Field(
+        default="base", description=f'{ORIGIN}; "mouth" implies frame = "head"'
+    )
+    frame: Frame = Field(
+        default="space",
+        description='"head": position and directions are those at head angles 0, and turn with '
+        "the head; directions held from a step stay fixed in space",
+    )
     position_weight: NonNegative = Field(default=1.0, description=WEIGHT)
     d1: Vec3 | HeldSpec | None = Field(default=None, description=DIRECTION)
     d2: Vec3 | HeldSpec | None = Field(default=None, description=DIRECTION)

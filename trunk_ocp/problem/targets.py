@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,6 +14,7 @@ from .._support.toml_files import Vec3
 from ..errors import InputError, StaticsError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, Vector, vector
+from ..model.solids import from_head_frame, turn
 from ..rod.statics import solve_statics
 from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, WayPoint, WrapSpec
 
@@ -34,7 +36,8 @@ class Target:
     """What eq. (42) asks of one point Z (m): position (m) and directors, with weights.
 
     `source` is the section of the problem file that it comes from, such as "phases[1].targets[2]"
-    or "phases[3].wrap".
+    or "phases[3].wrap". In the frame "head", position and fixed directions are those at head
+    angles 0, and turn with the head; held directions stay fixed in space.
     """
 
     Z: float
@@ -43,6 +46,7 @@ class Target:
     directions: tuple[Direction | None, Direction | None, Direction | None]
     direction_weights: Vector
     source: str = ""
+    frame: Literal["space", "head"] = "space"
 
     def pairs(self) -> list[tuple[int, Direction, float]]:
         """Directors with a direction and a weight: (director, desired direction, weight)."""
@@ -52,6 +56,21 @@ class Target:
             if d is not None and w > 0
         ]
 
+    def position_at(self, trunk: Trunk, head: np.ndarray) -> np.ndarray:
+        """Position in m and in space at head angles (..., 2) in rad, (3,) or (..., 3)."""
+        place = np.asarray(self.position, dtype=float)
+        if self.frame == "space":
+            return place
+        return from_head_frame(trunk, place[None], head)[..., 0, :]
+
+    def direction_at(self, direction: Vector, head: np.ndarray) -> np.ndarray:
+        """A fixed direction in space at head angles (..., 2) in rad, (3,) or (..., 3)."""
+        fixed = np.asarray(direction, dtype=float)
+        if self.frame == "space":
+            return fixed
+        turned: np.ndarray = fixed @ turn(head)
+        return turned
+
 
 def origins_of(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
     """Points (3,) in m from which a problem's positions are measured, by their names in the file.
@@ -59,12 +78,20 @@ def origins_of(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
     Raises
     ------
     InputError
-        If positions are measured from the passive tip and the trunk does not hold its own weight.
+        If positions are measured from the passive tip and the trunk does not hold its own weight,
+        or from the mouth and the anatomy has none.
     """
     origins = {"base": np.zeros(3)}
-    parts = (part for p in spec.phases for part in (*p.targets, p.wrap) if part)
+    parts = [part for p in spec.phases for part in (*p.targets, p.wrap) if part]
     if any(part.origin == "passive-tip" for part in parts):
         origins["passive-tip"] = np.array(_passive_tip(trunk, spec.gravity))
+    if any(part.origin == "mouth" for part in parts):
+        if trunk.head.mouth is None:
+            raise InputError(
+                f'origin = "mouth": the anatomy of {trunk.name} has no [head] mouth = {{ point, '
+                "direction }; add it there, or measure from another origin."
+            )
+        origins["mouth"] = np.array(trunk.head.mouth[0])
     return origins
 
 
@@ -173,6 +200,7 @@ def _point(
         (directions[0], directions[1], directions[2]),
         weights,
         where,
+        "head" if spec.origin == "mouth" else spec.frame,
     )
 
 

@@ -46,6 +46,8 @@ HEAD_ANGLES = ("head_z_deg", "head_y_deg")
 def shifted_spec(spec: ProblemSpec, offset: Sequence[float]) -> ProblemSpec:
     """The problem with every target position moved by `offset` (3,) in m.
 
+    Targets in the head's frame, such as those at the mouth, move by it in that frame.
+
     Raises
     ------
     InputError

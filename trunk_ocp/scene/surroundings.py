@@ -132,18 +132,19 @@ def _ahead_of_tip(shape: Shape, radius: float) -> np.ndarray:
 
 def marks(plan: Plan, number: int) -> list[Mark]:
     """Targets of a planned time step (from 0) that have a weight, and where the trunk is."""
-    at = plan.verification.at
+    at, trunk, head = plan.verification.at, plan.motion.trunk, plan.head[number]
     step_marks = []
     for target in plan.motion.steps[number].targets:
         directions = tuple(
             at(wanted.step, wanted.Z)[1][wanted.director]
             if isinstance(wanted, HeldDirection)
-            else np.asarray(wanted)
+            else target.direction_at(wanted, head)
             for _, wanted, _ in target.pairs()
         )
         reached, _ = at(number, target.Z)
         if target.position is not None and target.position_weight > 0:
-            step_marks.append(Mark(target.Z, np.asarray(target.position), reached, directions))
+            place = target.position_at(trunk, head)
+            step_marks.append(Mark(target.Z, place, reached, directions))
         elif directions:
             step_marks.append(Mark(target.Z, reached, reached, directions, placed=False))
     return step_marks
