@@ -24,6 +24,8 @@ from ..planning.plan import Plan
 from ..problem.motion import Bounds, allowed
 
 RELAXATION = 0.01  # fraction by which a bound is moved; a bound of 0 moves by 0.01, or 0.01 rad
+GAP_CHANGE = 1e-3
+"""By how much a clearance is reduced, in m."""
 SHARP = WARM_OPTIONS | {"tol": 1e-9, "compl_inf_tol": 1e-13}
 """Ends with a barrier low enough for the multipliers to show which bounds are active."""
 TINY = np.finfo(float).tiny
@@ -42,11 +44,12 @@ class Response:
     Attributes
     ----------
     name : str
-        Such as "contraction of R3-vr" or "extension of segment 1".
+        Such as "contraction of R3-vr", "extension of segment 1" or "clearance of the log".
     steps : tuple of int
         Time steps, from 1, at which it is active; it is moved at these.
     value, moved : float
-        The bound (the widest, if phases differ) and by how much it is moved; degrees for angles.
+        The bound (the widest, if phases differ) and by how much it is moved; degrees for angles,
+        mm for clearances, which are reduced by 1 mm.
     worst, mean : float
         Change in m of the worst and of the mean distance to a target over the windows of these
         steps; negative brings the trunk closer.
@@ -90,7 +93,11 @@ def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
     motion, count = plan.motion, len(plan.x)
     rest = np.zeros(plan.x.shape[1])
     if plan.mode == "horizon":
-        yield Window(motion, plan.mesh, motion.steps, rest, {}, 0, plan.weights), 0, count
+        yield (
+            Window(motion, plan.mesh, motion.steps, rest, {}, 0, plan.weights, plan.gaps),
+            0,
+            count,
+        )
         return
     unbounded = Bounds(rest - np.inf, rest + np.inf)
     held = {d: plan.shape.directors(np.array([d.Z]))[d.step, 0, d.director] for d in motion.held}
@@ -99,7 +106,11 @@ def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
             step = replace(step, box=allowed(motion, step, plan.auxiliary[t]), change=unbounded)
         previous = plan.x[t - 1] if t else rest
         known = {d: value for d, value in held.items() if d.step < t}
-        yield Window(motion, plan.mesh, [step], previous, known, t, plan.weights), t, t + 1
+        yield (
+            Window(motion, plan.mesh, [step], previous, known, t, plan.weights, plan.gaps),
+            t,
+            t + 1,
+        )
 
 
 @dataclass
@@ -229,6 +240,23 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
                 bound = float((change.lower if side < 0 else change.upper)[i])
                 scale = 1.0 if i < count else degree
                 add(f"change of {name}", side, block.step, row, bound, scale, True)
+    return [*moves.values(), *_gap_moves(window, at_g)]
+
+
+def _gap_moves(window: Window, at_g: np.ndarray) -> list[_Move]:
+    """Gaps that are as small as allowed, body by body, each to be made smaller."""
+    L = window.length
+    moves: dict[str, _Move] = {}
+    for gap, step, row in window.gap_rows:
+        if at_g[row - 1]:
+            name = (
+                f"clearance of {gap.body}" if gap.solid is None else f"clearance of the {gap.body}"
+            )
+            least = gap.solid.clearance if gap.solid is not None else 0.0
+            move = moves.setdefault(name, _Move(name, 1e3 * least, 1e3 * L, in_rows=True))
+            move.steps += [step + 1] if step + 1 not in move.steps else []
+            move.places.append(row - 1)
+            move.shifts.append(-GAP_CHANGE / L)
     return [*moves.values()]
 
 
@@ -241,7 +269,7 @@ def effects(responses: tuple[Response, ...], length: float, most: int = MAX_EFFE
     for response in responses:
         if response.name in sentences or abs(response.worst) < SMALLEST_EFFECT * length:
             continue
-        unit = " deg" if "psi" in response.name else ""
+        unit = " deg" if "psi" in response.name else " mm" if "clearance" in response.name else ""
         sentences[response.name] = (
             f"{response.name} ({step_list(response.steps)}), {response.value + 0.0:.4g}{unit} "
             f"moved by {response.moved:+.2g}: the worst point comes {_way(response.worst)}, "

@@ -10,7 +10,7 @@ The price is linear (an l1 penalty), so bounds that need not be relaxed stay exa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.optimize import linprog
 
 from .._support.wording import step_list
 from ..model.activation import strain_matrix
+from ..nlp.gap_rows import GapRow
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import DEFAULT_OPTIONS
 from ..nlp.outcome import Outcome
@@ -152,7 +153,7 @@ def reach(plan: Plan, reporter: Reporter | None = None) -> tuple[Excess, ...] | 
     All targets within the motion's tolerance, at the lowest price found from the plan: a local
     optimum. None if no such motion was found within the limits `PHYSICAL`.
     """
-    window = ElasticWindow(plan.motion, plan.mesh)
+    window = ElasticWindow(plan.motion, plan.mesh, plan.gaps)
     outcome = _solved(window, plan, "bounds to relax", reporter)
     if not outcome.converged:
         return None
@@ -174,7 +175,7 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
              for step in motion.steps]  # fmt: skip
     window = Window(
         replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
-        plan.weights,
+        plan.weights, plan.gaps,
     )  # fmt: skip
     outcome = _solved(window, plan, "distance to the targets", reporter)
     return window.worst_error(outcome.full) if outcome.converged else None
@@ -313,12 +314,14 @@ class ElasticWindow(Window):
         Indices of the excesses in the decision vector.
     """
 
-    def __init__(self, motion: Motion, mesh: Mesh) -> None:
+    def __init__(
+        self, motion: Motion, mesh: Mesh, gaps: Mapping[int, tuple[GapRow, ...]] | None = None
+    ) -> None:
         n = len(motion.trunk.muscles) + 2
         unbounded = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
         steps = [replace(step, box=unbounded, change=unbounded) for step in motion.steps]
         unbounded_motion = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
-        super().__init__(unbounded_motion, mesh, steps, np.zeros(n), {}, 0, Weights())
+        super().__init__(unbounded_motion, mesh, steps, np.zeros(n), {}, 0, Weights(), gaps)
         self.elastic = elastic_rows(motion)
         add = self._builder
         most = np.array([bound.most for bound in self.elastic.bounds])

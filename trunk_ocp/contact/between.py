@@ -10,12 +10,13 @@ import numpy as np
 from ..errors import StaticsError
 from ..model.loads import Loads
 from ..model.solids import Solid
+from ..nlp.gap_rows import SELF
 from ..problem.interpolation import interpolate_all, loads_at, loads_before
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
 from .certificate import cell_errors
-from .gaps import ACCURACY, SELF, Cells, Gap, section_points, self_gap, solid_gap
+from .gaps import ACCURACY, Cells, Gap, section_points, self_gap, solid_gap
 from .tube import Tube, seen_by, tube
 
 FIRST_CELLS = 4

@@ -10,17 +10,18 @@ the next, both steps have to keep a larger gap (constraint tightening).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.solids import Solid
-from ..nlp.gap_rows import GapRow
+from ..nlp.gap_rows import SELF, GapRow
 from ..problem.motion import Motion
 from ..rod.shape import Shape
-from .gaps import SELF, Gap
+from .gaps import Gap
 from .tube import Tube, pair_gaps, seen_by, solid_gaps, tube
 
 GRID = 256
@@ -140,6 +141,30 @@ class Exchange:
                 known.append(row)
         if known:
             self.rows[t] = tuple(known)
+
+
+def rows_for(
+    motion: Motion, rows: Mapping[int, tuple[GapRow, ...]]
+) -> dict[int, tuple[GapRow, ...]]:
+    """The same rows for a motion with solids of the same names at other places.
+
+    Raises
+    ------
+    InputError
+        If a time step lacks a solid.
+    """
+    moved = {}
+    for t, gaps in rows.items():
+        solids: dict[str, Solid | None] = {s.name: s for s in motion.steps[t].solids}
+        solids[SELF] = None
+        for gap in gaps:
+            if gap.body not in solids:
+                raise InputError(
+                    f"{motion.name}: time step {t + 1} lacks {gap.body}; expected the solids of "
+                    "the planned motion. Use plan_motion."
+                )
+        moved[t] = tuple(replace(gap, solid=solids[gap.body]) for gap in gaps)
+    return moved
 
 
 def _distance(row: GapRow, other: GapRow, trunk: Trunk) -> float:

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.solids import Solid
+from ..nlp.gap_rows import SELF
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from .certificate import bounds_along, bounds_between, error_along, pair_bounds
 from .tube import Tube, apart, pair_gaps, seen_by, solid_gaps, tube
 
-SELF = "itself"
-"""Name of the trunk as the body that it may touch."""
 SECTIONS = 512
 """Pieces of the trunk; also the finest of those that are compared with each other."""
 STRIDES = (8, 4, 2, 1)

@@ -17,7 +17,7 @@ from .quantities import Component, Meaning, Quantity, scalar, units_of
 from .rod_block import RodEquations, Unknowns
 
 SELF = "itself"
-"""What messages call the trunk as the other body of a gap."""
+"""Name of the trunk as the body that it may touch."""
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,9 @@ def add_gaps(
     volume: np.ndarray,
     gaps: Sequence[GapRow],
     number: int,
-) -> None:
-    """Add the rows of a time step, gap >= least."""
-    L = trunk.length
+) -> list[int]:
+    """Add the rows of a time step, gap >= least; returns their row numbers in F."""
+    L, numbers = trunk.length, []
     for gap in gaps:
         meaning = Meaning("gap", Quantity("gap", (Component(f"gap to {gap.body}", "m", L),)))
         row = add.rows(
@@ -92,6 +92,8 @@ def add_gaps(
         )
         function, variables, parameters = _place(trunk, u, volume, gap)
         add.term(function, variables[:, None], parameters[:, None], 0, 0, row)
+        numbers.append(int(row[0]))
+    return numbers
 
 
 def _place(

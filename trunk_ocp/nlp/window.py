@@ -132,6 +132,7 @@ class Window:
         self._builder = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
         self._gaps = gaps or {}
+        self.gap_rows: list[tuple[GapRow, int, int]] = []  # with time step and row number in F
         self._volumes: list[np.ndarray | None] = []  # volume ratio (1,) of each step with gaps
         self.previous = self._builder.variables(previous.size, lower=previous, upper=previous)
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
@@ -181,7 +182,7 @@ class Window:
             (rod.unknowns.x, step.box.lower, step.box.upper),
             (rod.unknowns.tip_force, tip - free, tip + free),
         ]
-        variables, rows = add.include(rod.builder, bounds, number)
+        variables, shift = add.include(rod.builder, bounds, number)
         if step.loads not in self._points:
             self._points[step.loads] = point_parameters(
                 motion.trunk, step.loads, self.mesh.points.ravel()
@@ -192,7 +193,7 @@ class Window:
             self._points[step.loads],
             rod.output,
             rod.place,
-            rod.rows + rows,
+            rod.rows + shift,
             rod.weights,
         )
         unknowns = rod.unknowns.moved(variables)
@@ -200,7 +201,8 @@ class Window:
         if gaps:
             moved, at = rod.variables + variables, self._points[step.loads]
             volume = add_volume(add, motion.trunk, self.mesh, rod, moved, at, number)
-            add_gaps(add, motion.trunk, unknowns, volume, gaps, number)
+            rows = add_gaps(add, motion.trunk, unknowns, volume, gaps, number)
+            self.gap_rows += zip(gaps, [number] * len(rows), rows, strict=True)
             self._volumes[-1] = volume
         return unknowns
 

@@ -25,8 +25,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         if not exchange.add(plan.x, plan.shape) and not exchange.tighten(plan.clearance.between):
             break
         reporter.note(f"Planning again with {exchange.count} gaps to keep.")
-        again = replace(
+        plan = replace(
             run, mesh=plan.mesh, start=None, checkpoint=None, guess=plan.x, gaps=exchange.rows
         ).run()
-        plan = replace(again, gaps=dict(exchange.rows))
     return plan

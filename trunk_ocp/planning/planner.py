@@ -216,7 +216,10 @@ def plan_from(
     options, (mode, lookahead) = options or Options(), mode_of(motion, lookahead)
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter or Reporter())
     mesh = first_mesh(motion, options)
-    plan = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, guess=x).run()
+    run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, guess=x)
+    plan = run.run()
+    if motion.contact:
+        plan = clear_of_bodies(plan, run)
     return replace(
         plan,
         **{name: getattr(optimizer, name) for name in COUNTERS},

@@ -265,6 +265,7 @@ class PlanningRun:
             lookahead=self.lookahead,
             weights=self.options.weights,
             auxiliary=decided.auxiliary,
+            gaps=dict(self.gaps),
             converged=decided.converged,
             interrupted=self.optimizer.reporter.stop,
             late=self.optimizer.late and not finished,

@@ -16,6 +16,7 @@ import numpy as np
 
 from .._support.toml_files import printable
 from ..errors import InputError
+from ..nlp.gap_rows import SELF, GapRow
 from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
 from ..problem.motion import Bounds, Motion
@@ -76,6 +77,13 @@ def number(value: Any) -> float:
     return float(value)
 
 
+def finite_number(value: Any) -> float:
+    """A finite number."""
+    if not math.isfinite(number(value)):
+        raise InputError(f"{_shown(value)}: expected a finite number")
+    return float(value)
+
+
 def amount(value: Any) -> float:
     """A finite number >= 0."""
     if not 0 <= number(value) < math.inf:
@@ -132,6 +140,30 @@ def solve_of(value: Any) -> Solve:
         history=tuple(_iteration(entry) for entry in entries(record["history"])),
         violations=tuple(_violation(entry) for entry in entries(record["violations"])),
     )
+
+
+def gaps_record(gaps: Mapping[int, Sequence[GapRow]]) -> list[list[Any]]:
+    """Rows of gaps for JSON: time step (from 1), body, place, other place or null, least gap."""
+    return [[t + 1, g.body, g.Z, g.other, g.least] for t, rows in gaps.items() for g in rows]
+
+
+def gaps_of(value: Any, motion: Motion) -> dict[int, tuple[GapRow, ...]]:
+    """Rows of gaps from their JSON."""
+    gaps: dict[int, list[GapRow]] = {}
+    for entry in entries(value):
+        step, body, Z, other, least = entries(entry)
+        t = count(step, 1) - 1
+        if t >= len(motion.steps):
+            raise InputError(f"gaps: time step {step}: expected one of the motion's")
+        solids = {solid.name: solid for solid in motion.steps[t].solids}
+        solid, at_itself = solids.get(words(body)), words(body) == SELF
+        places = [number(Z), *([number(other)] if at_itself else [])]
+        if (solid is None) != at_itself or not all(0 <= p <= motion.trunk.length for p in places):
+            raise InputError(f"gaps: {_shown(entry)}: expected a solid of the step and a place")
+        gaps.setdefault(t, []).append(
+            GapRow(places[0], solid, places[1] if at_itself else None, finite_number(least))
+        )
+    return {t: tuple(rows) for t, rows in gaps.items()}
 
 
 def _iteration(value: Any) -> tuple[float, float, float]:

@@ -11,6 +11,7 @@ from .._support.arguments import check_arguments
 from .._support.blas_threads import one_thread
 from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
+from ..contact.exchange import rows_for
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
@@ -53,7 +54,7 @@ class Replanner:
             raise InputError("plan: expected a converged plan of all time steps.")
         options = options or Options()
         self._lock, self._busy = threading.RLock(), False
-        self._mesh = plan.mesh
+        self._mesh, self._gaps = plan.mesh, plan.gaps
         self._options = replace(options, weights=plan.weights)
         self._optimizer = Optimizer(
             options.linear_solver, options.max_iterations, reporter or Reporter(), WARM_OPTIONS
@@ -69,7 +70,8 @@ class Replanner:
 
         Threads take turns. Each re-plan starts from the last one that reached its targets, or else
         from the plan of the constructor. One that runs out of time or iterations returns its last
-        iterate, which may violate bounds.
+        iterate, which may violate bounds. Gaps from bodies are kept where the plan of the constructor
+        keeps them; a re-plan that comes too close elsewhere has the status COLLIDING.
 
         Parameters
         ----------
@@ -138,5 +140,13 @@ class Replanner:
 
     def _window(self, motion: Motion) -> tuple[Window, PlanningRun]:
         count = len(motion.steps)
-        planner = PlanningRun(motion, self._mesh, "horizon", count, self._options, self._optimizer)
+        planner = PlanningRun(
+            motion,
+            self._mesh,
+            "horizon",
+            count,
+            self._options,
+            self._optimizer,
+            gaps=rows_for(motion, self._gaps),
+        )
         return planner.window(0, motion.steps, DecidedSteps()), planner

@@ -26,7 +26,18 @@ from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from ..rod.rod_batch import shape_of_states
 from .plan import MODES, Plan, planned_loads
-from .records import check_auxiliary, count, entries, fits, json_of, number, solve_of, table, words
+from .records import (
+    check_auxiliary,
+    count,
+    entries,
+    fits,
+    gaps_of,
+    json_of,
+    number,
+    solve_of,
+    table,
+    words,
+)
 
 MAX_NODES = 800
 """Of a mesh, elements times degree; its stability takes matrices of three rows for each node."""
@@ -34,7 +45,7 @@ MAX_FAULTS = 20  # of a problem; of more only their number is reported, as each 
 Section = TypeVar("Section", ProblemSpec, AnatomySpec)
 
 
-RECORDS = ("notes", "solves", "versions", "options")
+RECORDS = ("gaps", "notes", "solves", "versions", "options")
 
 
 def restored(contents: Contents) -> Plan:
@@ -73,6 +84,7 @@ def restored(contents: Contents) -> Plan:
         mode=mode,
         lookahead=lookahead,
         auxiliary=auxiliary,
+        gaps=gaps_of(json_of(words(attributes.get("gaps_json", "[]"))), motion),
         **_record(attributes),
     )
 

@@ -26,10 +26,11 @@ from .._support.blas_threads import one_thread
 from .._support.netcdf import read_netcdf
 from .._support.provenance import fingerprint
 from .._support.toml_files import printable, read_bytes
+from ..contact.gaps import Gap
 from ..errors import InputError
 from ..problem.build import as_built
 from .plan import Plan, Status
-from .records import solves_json
+from .records import gaps_record, solves_json
 from .restoring import check_mesh_size, check_texts, restored
 from .results_folder import set_derived_aside
 
@@ -180,6 +181,8 @@ def summary(plan: Plan) -> dict[str, Any]:
             (float(e.position.max()) for e in plan.errors if e.position.size), default=math.nan
         ),
         "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
+        "clearance": _clearance(plan.clearance.min),
+        "collisions": plan.clearance.warnings,
         "timesteps": _timesteps(plan),
         "steps_planned": len(plan.x),
         "units": UNITS,
@@ -191,6 +194,21 @@ def summary(plan: Plan) -> dict[str, Any]:
     }
     numbers: dict[str, Any] = finite(report)
     return numbers
+
+
+def _clearance(gap: Gap | None) -> dict[str, Any] | None:
+    """A gap, for JSON."""
+    if gap is None:
+        return None
+    return {
+        "min": gap.gap,
+        "bound": gap.bound,
+        "with": gap.body,
+        "step": gap.step + 1,
+        "time": gap.time,
+        "Z": gap.Z,
+        "other_Z": gap.other,
+    }
 
 
 def _timesteps(plan: Plan) -> list[dict[str, Any]]:
@@ -210,6 +228,7 @@ def _timesteps(plan: Plan) -> list[dict[str, Any]]:
             "falling_directions": int(stability.index[t]),
             "psi_z": float(x[-2]),
             "psi_y": float(x[-1]),
+            "clearance": _clearance(plan.clearance.of_step(t)),
         }
         for t, (step, errors, x) in enumerate(rows)
     ]
@@ -298,11 +317,13 @@ def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
 def _attributes(plan: Plan) -> dict[str, Any]:
     """Attributes: the problem and the anatomy, and how the plan was made."""
     motion = plan.motion
-    others = [json.dumps(part) for part in (plan.notes, plan.versions, plan.options)]
+    records = (plan.notes, plan.versions, plan.options, gaps_record(plan.gaps))
+    others = [json.dumps(part) for part in records]
     return {
         "title": motion.spec.title or motion.name,
         "problem_json": motion.spec.model_dump_json(),
         "anatomy_json": motion.anatomy.model_dump_json(),
+        "gaps_json": others[3],
         "notes_json": others[0],
         "solves_json": solves_json(plan.solves, *others),
         "status": plan.status.name.lower(),

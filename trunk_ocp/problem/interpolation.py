@@ -67,7 +67,8 @@ def _in_interval(
     if kind == "none":
         inner = np.repeat(values[i - 1 : i], t.size, axis=0)
     elif kind == "cosine":
-        share = (1 - np.cos(np.pi * (t - times[i - 1]) / (times[i] - times[i - 1])))[:, None] / 2
+        duration = times[i] - times[i - 1] or 1.0  # 0 for a plan without steps
+        share = (1 - np.cos(np.pi * (t - times[i - 1]) / duration))[:, None] / 2
         inner = (1 - share) * values[i - 1] + share * values[i]
     else:
         steps = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
