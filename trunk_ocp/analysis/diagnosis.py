@@ -33,6 +33,7 @@ from .free_choices import held_heads, one_sided
 from .reached_bounds import AT_BOUND_TOL, at_bounds, change_excess
 
 MAX_NAMES = 6  # of muscles listed in one warning
+CLOSE = 1e-3  # gap over the trunk's length up to which a body counts as touched
 LOW_MARGIN = 0.2  # buckling margin below which a plan gets a warning
 
 MEANINGS = {
@@ -151,10 +152,13 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
     if plan.verification.faults:
         yield _unverified(plan)
         return  # further findings about its shapes would be unfounded
+    if plan.collisions:
+        yield _colliding(plan)
     if not np.all(plan.stability.stable):
         yield _unstable(plan)
     if plan.missed:
         yield _missed(plan)
+        yield from _in_the_way(plan)
         if deep:
             relaxed = reach(plan, reporter)
             yield (
@@ -261,6 +265,34 @@ def _unstable(plan: Plan) -> Finding:
     )
 
 
+def _colliding(plan: Plan) -> Finding:
+    return Finding(
+        "failure",
+        "the trunk collides with what it has to avoid",
+        tuple(plan.collisions),
+        "Give the phase more time steps, so that more shapes on the way can be chosen; or more "
+        "room, or other starts (--starts 4).",
+    )
+
+
+def _in_the_way(plan: Plan) -> Iterator[Finding]:
+    """Bodies that the trunk touches at steps that miss a target."""
+    close = CLOSE * plan.motion.trunk.length
+    missed = {t for t, errors in enumerate(plan.errors) if errors.exceed(plan.motion.tolerance)}
+    kept = {(t, row.body): row.least for t, rows in plan.gaps.items() for row in rows}
+    touched: dict[str, set[int]] = {}
+    for gap in plan.clearance.at_steps:
+        least = kept.get((gap.step, gap.body))
+        if gap.step in missed and least is not None and gap.gap <= least + close:
+            touched.setdefault(gap.body, set()).add(gap.step + 1)
+    if touched:
+        details = tuple(
+            f"{name}: in contact at {step_list(sorted(steps))}" for name, steps in touched.items()
+        )
+        advice = "See what a little less clearance would gain: trunk-ocp explain."
+        yield Finding("failure", "bodies are in the way:", details, advice)
+
+
 def _missed(plan: Plan) -> Finding:
     missed = plan.missed
     count = "a target is" if len(missed) == 1 else f"{len(missed)} targets are"
@@ -310,6 +342,11 @@ def _within_reach(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
 def _warnings(plan: Plan) -> Iterator[Finding]:
     if not len(plan.x):
         return
+    if not plan.collisions and (entered := plan.clearance.warnings):
+        groups = {gap.group for gap in plan.clearance.all if gap.depth > 0}
+        kinds = ",".join(sorted(groups | plan.motion.contact))
+        advice = f"--contact {kinds} plans clear of them."
+        yield Finding("warning", "the trunk passes through bodies:", tuple(entered), advice)
     reached = at_bounds(plan)
     levels: tuple[tuple[str, Literal["warning", "note"], str], ...] = (
         ("contraction", "warning", "muscles at their bound of contraction"),

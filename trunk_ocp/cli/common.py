@@ -88,3 +88,7 @@ def print_outcome(console: Console, plan: Plan) -> None:
     console.print(f"[{color}]{plan.mode}: {plan.status.value}{part}[/]", soft_wrap=True)
     for note in plan.notes:
         print_plain(console, f"  {note}")
+    if (gap := plan.clearance.min) is not None:
+        body = "itself" if gap.group == "self" else f"the {gap.body}"
+        where = f"at Z = {gap.Z:.2f} m and {gap.time:.3g} s"
+        print_plain(console, f"  smallest gap: {1e3 * gap.gap:.3g} mm to {body}, {where}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,14 +91,34 @@ class Cells:
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
     """Gaps of planned controls x (H, muscles + 2) and shapes (H,) to all bodies of each step."""
     discs = tube(motion.trunk, shape, section_points(motion))
+    return [
+        gap
+        for t, step in enumerate(motion.steps[: len(x)])
+        for gap in _gaps(motion, step.solids, discs[t : t + 1], x[t, -2:], t, step.time)
+    ]
+
+
+def gaps_at_rest(motion: Motion, shape: Shape) -> list[Gap]:
+    """Gaps of the passive shape, batch axis (1,), to all bodies of the first step."""
+    discs = tube(motion.trunk, shape, section_points(motion))
+    return _gaps(motion, motion.steps[0].solids, discs, np.zeros(2), 0, 0.0)
+
+
+def _gaps(
+    motion: Motion,
+    solids: Sequence[Solid],
+    discs: Tube,
+    head: np.ndarray,
+    step: int,
+    time: float,
+) -> list[Gap]:
+    """Gaps of one shape to solids and to itself."""
+    times = np.array([time])
     found = []
-    for t, step in enumerate(motion.steps[: len(x)]):
-        now, time = discs[t : t + 1], np.array([step.time])
-        for solid in step.solids:
-            seen = seen_by(motion.trunk, now, solid, x[t : t + 1, -2:])
-            found.append(solid_gap(solid, t, Cells.instants(seen, time))[0])
-        found.append(self_gap(t, Cells.instants(now, time))[0])
-    return found
+    for solid in solids:
+        seen = seen_by(motion.trunk, discs, solid, head[None])
+        found.append(solid_gap(solid, step, Cells.instants(seen, times))[0])
+    return [*found, self_gap(step, Cells.instants(discs, times))[0]]
 
 
 def section_points(motion: Motion) -> np.ndarray:

@@ -18,6 +18,7 @@ import numpy as np
 from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
+from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import CONTACT_OPTIONS, ROUGH_OPTIONS
@@ -120,7 +121,7 @@ def plan_motion(
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *plan.verification.doubts),
+        notes=(*plan.notes, *obstructions(motion), *plan.verification.doubts),
     )
     return plan.checked() if throw else plan
 

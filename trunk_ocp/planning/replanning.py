@@ -70,8 +70,8 @@ class Replanner:
 
         Threads take turns. Each re-plan starts from the last one that reached its targets, or else
         from the plan of the constructor. One that runs out of time or iterations returns its last
-        iterate, which may violate bounds. Gaps from bodies are kept where the plan of the constructor
-        keeps them; a re-plan that comes too close elsewhere has the status COLLIDING.
+        iterate, which may violate bounds. Gaps from bodies are kept where the plan of the
+        constructor keeps them; one that comes too close elsewhere has the status COLLIDING.
 
         Parameters
         ----------

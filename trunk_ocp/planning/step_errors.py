@@ -33,6 +33,11 @@ class StepErrors:
             self.position_weights @ self.position + self.direction_weights @ self.direction
         )
 
+    def exceed(self, tolerance: tuple[float, float]) -> bool:
+        """Whether a position (m) or a direction is missed by more than a tolerance."""
+        far = np.any(~(self.position <= tolerance[0]))
+        return bool(far or np.any(~(self.direction <= tolerance[1])))
+
 
 def step_errors(
     motion: Motion, verification: Verification, head: np.ndarray

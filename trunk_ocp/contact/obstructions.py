@@ -1,0 +1,70 @@
+"""Scenes that no plan can clear: targets inside bodies, and a trunk that starts in one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import StaticsError
+from ..model.loads import Loads
+from ..model.solids import Solid, signed_distance
+from ..problem.motion import Motion
+from ..problem.targets import Target
+from ..rod.statics import solve_statics
+from .gaps import Gap, gaps_at_rest
+
+TOUCH = 6e-5
+"""Depth that counts as touching, as a share of the trunk's length; as `COLLISION_TOL`."""
+
+
+def obstructions(motion: Motion) -> list[str]:
+    """What makes it impossible to keep clear of the bodies that a motion asks to, a sentence each.
+
+    A point of the centerline cannot be in a body; nor can a plan change where the trunk hangs
+    before it starts.
+    """
+    tol = TOUCH * motion.trunk.length
+    deepest: dict[tuple[str, str], tuple[float, str]] = {}
+    for number, step in enumerate(motion.steps, 1):
+        for solid in step.solids if motion.contact else ():
+            for target in step.targets if solid.group in motion.contact else ():
+                depth = _depth(target, solid)
+                if depth > tol:
+                    sentence = (
+                        f"step {number}: {target.source}: the target at Z = {target.Z:g} m is "
+                        f"{1e3 * depth:.3g} mm too deep in the {solid.name}; no plan reaches it "
+                        "without a collision"
+                    )
+                    key = (target.source, solid.name)
+                    deepest[key] = max(deepest.get(key, (0.0, "")), (depth, sentence))
+    return [*(sentence for _, sentence in deepest.values()), *_at_rest(motion, tol)]
+
+
+def _depth(target: Target, solid: Solid) -> float:
+    """How far in m a target is beyond the clearance of a solid."""
+    if target.position is None or target.position_weight == 0 or target.frame != solid.frame:
+        return -np.inf  # what the head's angles decide is left to the plan
+    if not solid.Z[0] <= target.Z <= solid.Z[1]:
+        return -np.inf
+    return solid.clearance - float(signed_distance(solid, np.asarray(target.position))[0])
+
+
+def _at_rest(motion: Motion, tol: float) -> Iterator[str]:
+    """Bodies that the passive trunk is in."""
+    rest = np.zeros(len(motion.trunk.muscles))
+    try:
+        shape = solve_statics(motion.trunk, rest[None], np.zeros((1, 2)), Loads(motion.gravity))
+    except StaticsError:
+        return
+    for gap in gaps_at_rest(motion, shape):
+        if gap.group in motion.contact and gap.depth > tol:
+            yield (
+                f"at rest, where the motion starts, the trunk is {1e3 * gap.depth:.3g} mm too "
+                f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
+                "later phase"
+            )
+
+
+def _the(gap: Gap) -> str:
+    return gap.body if gap.group == "self" else f"the {gap.body}"
