@@ -217,9 +217,10 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
 
 def solid_surfaces(plan: Plan, moment: Moment, bounded: bool = False) -> list[Surface]:
     """Head and obstacles at a moment; if `bounded`, without half-spaces, which have no end."""
+    solids = head_and_obstacles(plan, moment.time, moment.head, moment.after)
     return [
         Surface(surface.points[surface.facets], color_of(solid))
-        for solid, surface in head_and_obstacles(plan, moment)
+        for solid, surface in solids
         if not (bounded and solid.shape == "half-space")
     ]
 

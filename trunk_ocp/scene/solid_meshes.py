@@ -13,7 +13,7 @@ from ..planning.plan import Plan
 from ..problem.step_solids import head_solids
 from .body import Body
 from .colors import HEAD, OBSTACLE
-from .moments import Moment, phase_at
+from .moments import phase_at
 
 AROUND = 24  # points around a round solid
 PATCH = 0.8  # half the side of the part of a half-space that is drawn, over the trunk's length
@@ -38,11 +38,16 @@ class SolidSurface:
         return Body(self.points[None], halves)
 
 
-def head_and_obstacles(plan: Plan, moment: Moment) -> list[tuple[Solid, SolidSurface]]:
-    """Parts of the head and the obstacles of a moment's phase, where they are at that moment."""
-    phase = phase_at(plan.motion, moment.time, moment.after)
+def head_and_obstacles(
+    plan: Plan, time: float, head: np.ndarray, after: bool = False
+) -> list[tuple[Solid, SolidSurface]]:
+    """Parts of the head, and obstacles, where they are at a time in s and head angles (2,) in rad.
+
+    `after` at the end of a phase, with the obstacles of the next.
+    """
+    phase = phase_at(plan.motion, time, after)
     solids = (*head_solids(plan.motion.trunk), *obstacles(plan, phase))
-    return [(solid, placed(plan.motion.trunk, solid, moment.head)) for solid in solids]
+    return [(solid, placed(plan.motion.trunk, solid, head)) for solid in solids]
 
 
 def obstacles(plan: Plan, phase: int) -> tuple[Solid, ...]:
