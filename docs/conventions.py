@@ -25,11 +25,11 @@ from trunk_ocp.figures.projection import (
     paint,
 )
 from trunk_ocp.model.anatomy import Trunk
+from trunk_ocp.model.solids import pivot
 from trunk_ocp.rod.shape import Shape
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene.body import core_body, disc, frames, muscle_body, round_body
 from trunk_ocp.scene.colors import group_colors
-from trunk_ocp.scene.surroundings import head_sphere
 
 HEAD_ANGLE = np.radians(25.0)
 CONTRACTION = -1.0
@@ -148,11 +148,11 @@ def _head_panel(
     axes: Axes, view: View, trunk: Trunk, passive: Shape, turned: Shape, label: str
 ) -> None:
     """Head and trunk at rest, over a pale trunk with the head turned, and an arrow to it."""
-    sphere = head_sphere(trunk)
-    if sphere is not None:
-        center = view.flat(sphere[0])
-        axes.add_patch(Circle(tuple(center), sphere[1], color=HEAD, linewidth=0, zorder=0.5))
-        _write(axes, (center - (0.35 * sphere[1], 0)), "head", ha="center", va="center")
+    radius = trunk.head.pivot_radius
+    if radius > 0:
+        center = view.flat(pivot(trunk))
+        axes.add_patch(Circle(tuple(center), radius, color=HEAD, linewidth=0, zorder=0.5))
+        _write(axes, (center - (0.35 * radius, 0)), "head", ha="center", va="center")
     paint(axes, view, _segments(trunk, turned, [GHOST]), zorder=1, darkest=0.85)
     paint(axes, view, _segments(trunk, passive, SEGMENT_COLORS), zorder=2)
     tip, gap = np.array([trunk.length]), 0.05 * trunk.length
@@ -215,10 +215,9 @@ def _fit(
     """Show all of some shapes, of more points (n, 3) in m and of the head."""
     Z = np.linspace(0.0, trunk.length, 30)
     points = [shape.position(Z)[0] for shape in shapes] + ([] if more is None else [more])
-    sphere = head_sphere(trunk)
-    if head and sphere is not None:
+    if head and trunk.head.pivot_radius > 0:
         around = np.stack([view.across, -view.across, view.down, -view.down])
-        points.append(sphere[0] + (sphere[1] - trunk.base_radius) * around)
+        points.append(pivot(trunk) + (trunk.head.pivot_radius - trunk.base_radius) * around)
     frame(axes, view, extent(view, np.concatenate(points), 1.05 * trunk.base_radius))
     axes.set_axis_off()
     axes.set_anchor("N")

@@ -33,15 +33,16 @@ from trunk_ocp.figures import (
     style,
 )
 from trunk_ocp.figures.projection import ABOVE, VIEWS, ball, cylinder
-from trunk_ocp.model.head import base_pose
+from trunk_ocp.model.solids import in_head_frame, signed_distance
 from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.step_solids import head_solids
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors
 from trunk_ocp.scene.moments import curve_times, curves, moments_at, times_of_motion
-from trunk_ocp.scene.surroundings import head_sphere, logs, tip_mass
+from trunk_ocp.scene.surroundings import logs, tip_mass
 
 pytestmark = pytest.mark.slow
 
@@ -229,7 +230,6 @@ def test_log_path_head_and_targets_are_drawn():
     with style.styled():
         figure = shapes.shapes_figure(plan, rows)
     assert len(with_gid(figure, "target")) == 3 * 3 * 6  # phases, views, points of the wrap
-    assert len(with_gid(figure, "head")) == 9
     assert len(with_gid(figure, "log path")) == 3  # only in the phase in which it moves
     side = with_gid(figure, "log path")[0].get_xydata()
     (log,) = logs(plan)
@@ -291,11 +291,48 @@ def test_a_long_distance_has_no_power_of_ten():
     assert [rounded(x) for x in (180.2, 0.0123, 4.56, 99999.0)] == ["180", "0.012", "4.6", "100000"]
 
 
-def test_the_head_is_the_sphere_on_which_the_base_moves(trunk):
-    center, radius = head_sphere(trunk)
-    for angles in ((0.0, 0.0), (0.3, 0.0), (-0.2, 0.5)):
-        base, _ = base_pose(trunk.head, *angles)
-        assert np.linalg.norm(np.asarray(base) - center) == pytest.approx(radius, abs=1e-12)
+POSTS = """
+[[obstacles]]
+name = "post"
+shape = "capsule"
+from = [0.9, 0.5, 1.7]
+to = [0.9, 0.5, -0.5]
+radius = 0.06
+
+[[obstacles]]
+name = "ground"
+shape = "half-space"
+point = [0.0, 0.0, 2.5]
+normal = [0.0, 0.0, -1.0]
+"""
+
+
+def colored(surfaces, color):
+    return [surface for surface in surfaces if surface.color == color]
+
+
+def test_head_and_obstacles_are_drawn_once_a_row_and_have_a_legend(tmp_path):
+    plan = plan_motion(load_motion(written(tmp_path, TOUCH + POSTS)))
+    (row,) = rows_of(plan)
+    layers = [shapes.layer(plan, row, index) for index in range(len(row.trunks))]
+    parts = len(plan.motion.trunk.head.body)
+    assert [len(colored(layer, colors.HEAD)) for layer in layers] == [0, 0, 0, parts]
+    assert [len(colored(layer, colors.OBSTACLE)) for layer in layers] == [0, 0, 0, 2]
+    with style.styled():
+        figure = shapes.shapes_figure(plan, [row])
+    assert {"head", "obstacle"} <= set(texts(figure))
+    for axes in figure.axes:  # the ground has no end, and no room of its own
+        assert max(axes.get_ylim()) < 2.0
+
+
+def test_the_head_is_drawn_as_it_is_turned():
+    plan = planned("lift-log", "horizon")
+    moment = moments_at(plan, plan.motion.times[-1:])[0]
+    drawn = colored(shapes.solid_surfaces(plan, moment), colors.HEAD)
+    for surface, solid in zip(drawn, head_solids(plan.motion.trunk), strict=True):
+        there = in_head_frame(plan.motion.trunk, surface.facets, moment.head)
+        np.testing.assert_allclose(signed_distance(solid, there)[0], 0, atol=1e-12)
+        assert np.abs(signed_distance(solid, surface.facets)[0]).max() > 0.01
 
 
 def test_space_is_drawn_with_equal_scales_and_down_is_down():
@@ -376,7 +413,8 @@ def drawn(plan, folder):
 def test_another_trunk_has_colors_of_its_own_and_no_head(tmp_path):
     plan = plan_motion(arm(tmp_path, "position = [0.2, 0.1, 0.9]\nd3 = [0.0, 0.0, 1.0]"))
     assert len(set(colors.group_colors(plan.motion.trunk).values())) == 2
-    assert head_sphere(plan.motion.trunk) is None
+    (row,) = rows_of(plan)
+    assert not colored(shapes.layer(plan, row, -1), colors.HEAD)
     assert "muscles-left" in drawn(plan, tmp_path)
     assert len(draw_anatomy(plan.motion.trunk, tmp_path, ("png",))) == 2
 

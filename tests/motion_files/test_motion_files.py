@@ -11,15 +11,18 @@ import pygltflib
 import pytest
 import trimesh
 from plans import MOTIONS, planned, soft_rod, written
+from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.solids import in_head_frame, pivot, signed_distance
 from trunk_ocp.motion_files import glb, write_glb, write_sto, write_vtk
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.interpolation import interpolate
+from trunk_ocp.problem.step_solids import head_solids
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import keyframes, surfaces
@@ -170,26 +173,31 @@ def array(gltf, index):
     """Values of an accessor, (count,) or (count, components)."""
     accessor = gltf.accessors[index]
     view = gltf.bufferViews[accessor.bufferView]
-    kind, components = {5126: "<f4", 5125: "<u4"}[accessor.componentType], {"SCALAR": 1, "VEC3": 3}
+    kind = {5126: "<f4", 5125: "<u4"}[accessor.componentType]
+    components = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
     values = np.frombuffer(
         gltf.binary_blob(),
         kind,
         accessor.count * components[accessor.type],
         view.byteOffset + accessor.byteOffset,
     )
-    return values if accessor.type == "SCALAR" else values.reshape(-1, 3)
+    return values if accessor.type == "SCALAR" else values.reshape(accessor.count, -1)
 
 
 def animation(gltf):
     """Key times (k,) in s and weights (k, targets)."""
-    (sampler,) = gltf.animations[0].samplers
+    sampler, _ = gltf.animations[0].samplers
     assert sampler.interpolation == "LINEAR"
     times = array(gltf, sampler.input)
     return times, array(gltf, sampler.output).reshape(len(times), -1)
 
 
 def muscle_nodes(gltf):
-    return [node for node in gltf.nodes if node.mesh is not None]
+    return [node for node in gltf.nodes if "side" in node.extras]
+
+
+def solid_nodes(gltf):
+    return [node for node in gltf.nodes if "solid" in node.extras]
 
 
 def shapes(gltf, node, attribute="POSITION"):
@@ -245,7 +253,32 @@ def test_every_mesh_is_closed_outward_and_of_the_right_volume(files, name):
         mesh = solid(mesh.vertices, mesh.faces)
         body = muscle_body(trunk, muscle, start)
         assert mesh.volume == pytest.approx(body.volume[0], rel=0.02)
-    assert set(file.scene.geometry) == set(trunk.muscles)
+    parts = {part.name for part in trunk.head.body}
+    assert set(file.scene.geometry) == {*trunk.muscles, *parts}
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_head_turns_about_its_pivot_as_the_motion_does(files, name):
+    gltf, plan, trunk = files(name).gltf, files(name).plan, files(name).plan.motion.trunk
+    _, sampler = gltf.animations[0].samplers
+    times, turns = array(gltf, sampler.input), array(gltf, sampler.output)
+    nodes = solid_nodes(gltf)
+    assert [node.name for node in nodes] == [part.name for part in trunk.head.body]
+    turning = [
+        channel.target.node
+        for channel in gltf.animations[0].channels
+        if (channel.sampler, channel.target.path) == (1, "rotation")
+    ]
+    assert turning == [gltf.nodes.index(node) for node in nodes]
+    for node, part in zip(nodes, head_solids(trunk), strict=True):
+        (primitive,) = gltf.meshes[node.mesh].primitives
+        points = array(gltf, primitive.attributes.POSITION)
+        np.testing.assert_allclose(node.translation, pivot(trunk), atol=FLOAT32)
+        for i in (0, len(times) - 1):
+            there = Rotation.from_quat(turns[i]).apply(points) + node.translation
+            head = plan.trajectory[0 if i == 0 else -1, -2:]
+            distance, _ = signed_distance(part, in_head_frame(trunk, there, head))
+            np.testing.assert_allclose(distance, 0, rtol=0, atol=2e-6)
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -418,12 +451,28 @@ def test_vtk_has_a_file_for_each_step_with_every_muscles_cells(tmp_path, name):
 
 def test_vtk_starts_with_the_passive_trunk(tmp_path):
     plan = plan_of("lift-log")
-    for path in write_vtk(plan, tmp_path):
+    files = write_vtk(plan, tmp_path)
+    assert [path.stem for path in files] == ["muscles", "centerline", "surroundings"]
+    for path in files:
         _, paths = collection(path)
         assert len(paths) == 11
         assert vtp(paths[0]).time == 0
     first = vtp(tmp_path / "muscles_0000.vtp")
     assert set(first.cell_data["activation"]) == {0.0}
+
+
+def test_vtk_has_head_log_and_obstacles_where_they_are(tmp_path):
+    plan = plan_of("lift-log")
+    trunk, head = plan.motion.trunk, plan.x[-1, -2:]
+    data = vtp(collection(write_vtk(plan, tmp_path)[2])[1][-1])
+    group = data.cell_data["group"]
+    assert set(group) == {0, 1}
+    (log,) = (solid for solid in plan.motion.steps[-1].solids if solid.group == "log")
+    on_log = data.points[np.unique(data.cells[group == 1])]
+    np.testing.assert_allclose(signed_distance(log, on_log)[0], 0, rtol=0, atol=2 * FLOAT32)
+    on_head = in_head_frame(trunk, data.points[np.unique(data.cells[group == 0])], head)
+    distances = [np.abs(signed_distance(part, on_head)[0]) for part in head_solids(trunk)]
+    np.testing.assert_allclose(np.min(distances, axis=0), 0, rtol=0, atol=2 * FLOAT32)
 
 
 def test_the_centerline_has_moment_and_extension(tmp_path):

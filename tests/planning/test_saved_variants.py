@@ -148,7 +148,7 @@ def test_a_plan_of_a_variant_comes_back_as_itself(
     np.testing.assert_array_equal(again.x, plan.x)
     for step, same in zip(motion.steps, again.motion.steps, strict=True):
         np.testing.assert_array_equal(numbers(same), numbers(step))
-        exact = ("time", "targets", "loads", "pull", "auxiliary", "log")
+        exact = ("time", "targets", "loads", "pull", "auxiliary", "log", "solids")
         assert {*exact, "duration", "phase", "box", "change"} == {f.name for f in fields(step)}
         assert [getattr(same, name) for name in exact] == [getattr(step, name) for name in exact]
 

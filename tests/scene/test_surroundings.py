@@ -10,10 +10,11 @@ from plans import MOTIONS, planned, shipped, written
 import trunk_ocp as to
 from trunk_ocp.figures import film, shapes
 from trunk_ocp.problem.mirror import mirrored_motion
+from trunk_ocp.problem.motion import LENGTH_OVER_RADIUS
 from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.scene.moments import moments_at, phase_at
-from trunk_ocp.scene.surroundings import LENGTH_OVER_RADIUS, head_sphere, logs, marks, tip_mass
+from trunk_ocp.scene.surroundings import logs, marks, tip_mass
 from trunk_ocp.viewer.payload import payload
 
 pytestmark = pytest.mark.slow
@@ -208,12 +209,6 @@ def test_marks_are_the_targets_that_have_a_weight():
     assert mark.placed
     assert mark.Z == 1.75
     np.testing.assert_allclose(mark.reached, plan.part(0, 1).position(TIP)[0, 0], atol=1e-4)
-
-
-def test_the_center_of_the_head_is_its_pivot(trunk):
-    center, radius = head_sphere(trunk)
-    assert radius == 0.4375
-    assert np.linalg.norm(center) == pytest.approx(radius, abs=1e-12)  # the base at rest is 0
 
 
 def test_a_time_belongs_to_the_phase_that_leads_to_it():

@@ -17,8 +17,10 @@ from playwright.sync_api import sync_playwright
 from programs import CHROMIUM, needs
 
 from trunk_ocp.errors import InputError
+from trunk_ocp.model.solids import in_head_frame, signed_distance
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import build_motion, load_motion
+from trunk_ocp.problem.step_solids import head_solids
 from trunk_ocp.scene.body import muscle_body
 from trunk_ocp.scene.colors import MASS
 from trunk_ocp.viewer import write_page
@@ -531,6 +533,64 @@ def test_log_and_fruit_are_where_the_motion_has_them():
     assert decoded(fruit["center"])[0] == pytest.approx(
         [0.7, 0.3, -0.2 - fruit["radius"]], abs=2e-3
     )
+
+
+POST = """
+[[obstacles]]
+name = "post"
+shape = "capsule"
+from = [0.9, 0.5, 1.7]
+to = [0.9, 0.5, -0.5]
+radius = 0.06
+phases = ["leave"]
+[[phases]]
+name = "leave"
+duration = 1.0
+[[phases.targets]]
+Z = 1.75
+position = [0.6, 0.1, 1.2]
+"""
+
+
+def visible(tab, t):
+    tab.evaluate("t => trunkPage.seek(t)", t)
+    settled(tab)
+    return tab.evaluate(
+        """trunkPage.stage.scenes[0].solids
+          .filter((mesh) => mesh.visible).map((mesh) => mesh.userData.group)"""
+    )
+
+
+def test_head_and_obstacles_are_shown_in_their_phases_and_hidden(visit, tmp_path):
+    plan = plan_motion(load_motion(written(tmp_path, TOUCH + POST)), lookahead=1)
+    parts = ["head"] * len(plan.motion.trunk.head.body)
+    tab = visit(write_page([plan], tmp_path / "post.html"))
+    assert visible(tab, 0.5) == parts
+    assert visible(tab, 1.5) == [*parts, "obstacles"]
+    tab.get_by_role("checkbox", name="head", exact=True).uncheck()
+    assert visible(tab, 1.5) == ["obstacles"]
+    tab.get_by_role("checkbox", name="obstacles", exact=True).uncheck()
+    assert visible(tab, 1.5) == []
+
+
+def test_the_head_turns_about_its_pivot(visit, pages):
+    tab, plan = visit(pages["both"]), planned("lift-log", "sequential")
+    tab.evaluate("trunkPage.seek(trunkPage.clock.duration)")
+    settled(tab)
+    points = np.array(
+        tab.evaluate(
+            """() => {
+              const { head, solids } = trunkPage.stage.scenes[0];
+              head.updateMatrix();
+              const points = solids[0].geometry.attributes.position.clone();
+              return [...points.applyMatrix4(head.matrix).array];
+            }"""
+        )
+    ).reshape(-1, 3)
+    trunk = plan.motion.trunk
+    skull = head_solids(trunk)[0]
+    distance, _ = signed_distance(skull, in_head_frame(trunk, points, plan.x[-1, -2:]))
+    np.testing.assert_allclose(distance, 0, rtol=0, atol=1e-6)
 
 
 def test_directions_that_are_asked_for_are_shown_at_the_point(tmp_path):

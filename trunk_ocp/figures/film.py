@@ -13,7 +13,6 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Normalize
-from matplotlib.patches import Circle
 from matplotlib.transforms import Bbox
 
 from .._support.atomic_files import replacing
@@ -22,7 +21,7 @@ from ..planning.plan import Plan
 from ..problem.interpolation import with_marks
 from ..scene.body import core_body, core_radius, muscle_body
 from ..scene.moments import Moment, end_of, moments_at, phase_at
-from ..scene.surroundings import head_sphere, logs, tip_mass
+from ..scene.surroundings import logs, tip_mass
 from . import style
 from .muscles import (
     DARKEST,
@@ -34,7 +33,7 @@ from .muscles import (
     strongest,
 )
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD, mass_surfaces
+from .shapes import WOOD, mass_surfaces, solid_surfaces
 
 FRAME_RATE = 15  # per second of film
 SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds
@@ -102,20 +101,17 @@ class Stage:
         FigureCanvasAgg(self.figure)
         self.scale = Normalize(0.0, strongest(plan))
         self.logs, self.mass = logs(plan), tip_mass(plan)
-        self.head = head_sphere(plan.motion.trunk)
         self.boxes = {side: self._box(view, moments) for side, view in VIEWS.items()}
 
     def _box(self, view: View, moments: list[Moment]) -> Bbox:
         trunk = self.plan.motion.trunk
-        Z = np.linspace(0, trunk.length, 40)
-        points = [moment.shape.position(Z)[0] for moment in moments]
+        Z, margin = np.linspace(0, trunk.length, 40), MARGIN * trunk.length
+        line = np.concatenate([moment.shape.position(Z)[0] for moment in moments])
+        boxes = [extent(view, line, trunk.base_radius + margin)]
         for moment in moments:
-            points += [surface.facets.reshape(-1, 3) for surface in self.objects(moment)]
-        if self.head is not None:
-            around = np.stack([view.across, -view.across, view.down, -view.down])
-            # The margin that the trunk's radius needs is added to all points.
-            points.append(self.head[0] + (self.head[1] - trunk.base_radius) * around)
-        return extent(view, np.concatenate(points), trunk.base_radius + MARGIN * trunk.length)
+            for surface in self.objects(moment) + solid_surfaces(self.plan, moment, bounded=True):
+                boxes.append(extent(view, surface.facets.reshape(-1, 3), margin))
+        return Bbox.union(boxes)
 
     def show(self, moment: Moment) -> None:
         """Draw a moment."""
@@ -136,9 +132,6 @@ class Stage:
 
     def panel(self, axes: Axes, view: View, moment: Moment) -> None:
         """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
-        if self.head is not None:
-            center, radius = tuple(view.flat(self.head[0])), self.head[1]
-            axes.add_patch(Circle(center, radius, color="#E4E4E4", linewidth=0, zorder=1))
         trunk = self.plan.motion.trunk
         bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
         colors = [activation_color(self.scale, value) for value in moment.activation]
@@ -152,7 +145,8 @@ class Stage:
             if core_radius(trunk, segment) > 0
         ]
         surfaces += [Surface(facets_of(core, SECTIONS), CORE) for core in cores]
-        paint(axes, view, surfaces + self.objects(moment), darkest=DARKEST)
+        surfaces += self.objects(moment) + solid_surfaces(self.plan, moment)
+        paint(axes, view, surfaces, darkest=DARKEST)
 
     def objects(self, moment: Moment) -> list[Surface]:
         """Logs and the tip mass at a moment."""

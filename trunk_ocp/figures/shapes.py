@@ -7,19 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle
+from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
 
 from .._support.wording import rounded
 from ..planning.plan import Plan
 from ..scene.body import frames, round_body
-from ..scene.colors import MASS
+from ..scene.colors import HEAD, MASS, OBSTACLE
 from ..scene.moments import Moment, moments_at, times_of_phase
-from ..scene.surroundings import Log, Mark, TipMass, head_sphere, logs, marks, tip_mass
+from ..scene.solid_meshes import color_of, head_and_obstacles
+from ..scene.surroundings import Log, Mark, TipMass, logs, marks, tip_mass
 from . import style
 from .projection import (
     FACETS,
@@ -38,7 +40,6 @@ from .projection import (
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
 WOOD = "#B08D57"
 LOG_PATH = "#5A3E12"
-HEAD = "#F3EFE6"
 TARGET = "#CC0055"
 SECTIONS = 36
 HEADER = 10.0  # mm, for title and legend
@@ -168,8 +169,8 @@ def _boxes(plan: Plan, rows: list[Row], row: Row) -> list[Bbox]:
 
 
 def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
-    """Points (n, 3) in m that a row's panels have room for: bodies, mass, sphere and targets."""
-    trunk, sphere = plan.motion.trunk, head_sphere(plan.motion.trunk)
+    """Points (n, 3) in m that a row's panels have room for: bodies, mass, solids and targets."""
+    trunk = plan.motion.trunk
     points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks] + [np.zeros((1, 3))]
     for moment in row.trunks:
         hung = mass_surfaces(plan, row.mass, moment)
@@ -179,20 +180,12 @@ def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
     for mark in row.marks:
         points.append(np.stack([mark.target, mark.reached]))
         points += [(mark.target + ARROW * trunk.length * d)[None] for d in mark.directions]
-    if sphere is not None:
-        around = np.stack([view.across, -view.across, view.down, -view.down])
-        points.append(sphere[0] + sphere[1] * around)
+    for moment in row.trunks[-1:]:
+        points += [solid.facets.reshape(-1, 3) for solid in solid_surfaces(plan, moment, True)]
     return np.concatenate(points)
 
 
 def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
-    sphere = head_sphere(plan.motion.trunk)
-    if sphere is not None:
-        center, radius = view.flat(sphere[0]), sphere[1]
-        axes.add_patch(Circle(tuple(center), radius, color=HEAD, linewidth=0, zorder=1))
-        outline = Circle(tuple(center), radius, fill=False, linewidth=0.6, zorder=4, gid="head")
-        outline.set_linestyle((0, (4, 2)))  # over the trunk, so that both are seen
-        axes.add_patch(outline)
     for index in range(len(row.trunks)):
         # Later shapes cover earlier ones: sorted by depth, shapes that nearly coincide would mix.
         paint(axes, view, layer(plan, row, index), zorder=2 + index / len(row.trunks))
@@ -206,7 +199,10 @@ def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
 
 
 def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
-    """The trunk at one moment with the tip mass; logs at the start and the end of the row."""
+    """The trunk at one moment with the tip mass.
+
+    Logs are there at the start and the end of the row; head and obstacles at the end only.
+    """
     moment, ends = row.trunks[index], {0: 0, len(row.trunks) - 1: -1}
     surfaces = [Surface(_body(plan, moment), _shade(index, len(row.trunks)))]
     if index in ends:
@@ -214,7 +210,19 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
             Surface(cylinder(path[ends[index]], log.radius, log.length), WOOD)
             for log, path in zip(row.logs, row.log_paths, strict=True)
         ]
+    if index == len(row.trunks) - 1:
+        surfaces += solid_surfaces(plan, moment)
     return surfaces + mass_surfaces(plan, row.mass, moment)
+
+
+def solid_surfaces(plan: Plan, moment: Moment, bounded: bool = False) -> list[Surface]:
+    """Head and obstacles at a moment; if `bounded`, without half-spaces, which have no end."""
+    solids = head_and_obstacles(plan, moment.time, moment.head, moment.after)
+    return [
+        Surface(surface.points[surface.facets], color_of(solid))
+        for solid, surface in solids
+        if not (bounded and solid.shape == "half-space")
+    ]
 
 
 def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
@@ -267,14 +275,15 @@ def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
 
 
 def _legend(figure: Figure, plan: Plan, row: Row) -> None:
-    entries = [
+    entries: list[Artist] = [
         Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
                linewidth=1.2, label="target (line: error; arrow: direction)"),
         Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip"),
     ]  # fmt: skip
-    if head_sphere(plan.motion.trunk) is not None:
-        dashes = (0, (4, 2))
-        entries.append(Line2D([], [], color="k", linestyle=dashes, linewidth=0.6, label="head"))
+    if plan.motion.trunk.head.body:
+        entries.append(Patch(color=HEAD, label="head"))
+    if plan.motion.spec.obstacles:
+        entries.append(Patch(color=OBSTACLE, label="obstacle"))
     if row.logs:
         entries.append(
             Line2D([], [], color=LOG_PATH, marker=".", linewidth=0.8, label="path of the log")

@@ -1,7 +1,8 @@
 """A motion as one glTF file (.glb), which Blender and web viewers open.
 
 Each muscle is a separate mesh that morphs through the shapes of the key frames. The morph targets
-of glTF are differences from the first shape; the weights blend two neighbors at a time.
+of glTF are differences from the first shape; the weights blend two neighbors at a time. Parts of
+the head are meshes that turn about its pivot, and obstacles are meshes.
 """
 
 from __future__ import annotations
@@ -17,9 +18,14 @@ import numpy as np
 
 from .._support.atomic_files import write
 from ..model.anatomy import Muscle
+from ..model.quaternions import about_y, about_z, product
+from ..model.solids import Solid, pivot
 from ..planning.plan import Plan
+from ..problem.step_solids import head_solids
 from ..scene.colors import EXTRA_COLORS, group_colors
 from ..scene.keyframes import JUMP_DURATION, Keyframes, for_blending
+from ..scene.moments import curves
+from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import Surface, coarse_body, coarse_outline, shaded
 
 FLOAT, UINT = 5126, 5125
@@ -40,8 +46,9 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     Key frames are the time steps, the trunk just after each jump of the loads, and some in between
     where blending alone would depart from the motion. Each node's `extras` have the muscle's group,
     side, segment, and activation at the root's `times`; `extras.time_steps` are the planned time
-    steps. A trunk without muscles is a single mesh. Long motions get fewer cross-sections, so that
-    the file stays below about 6 MB.
+    steps. A trunk without muscles is a single mesh. Other nodes are parts of the head or obstacles,
+    as `extras.solid` says; an obstacle is there in `extras.phases`. Long motions get fewer
+    cross-sections, so that the file stays below about 6 MB.
 
     Raises
     ------
@@ -54,7 +61,7 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
     sections = sections_within(parts, len(frames.times))
     file = _File()
     keys, weights = weight_keys(frames)
-    file.animate(keys, weights)
+    file.sampler_of(keys, weights.ravel(), "SCALAR")
     colors = group_colors(trunk)
     names = [f"{time:.6g} s" for time in frames.times[1:].tolist()]
     for i, part in enumerate(parts):
@@ -63,6 +70,7 @@ def write_glb(plan: Plan, path: str | Path) -> Path:
         extras = _extras(part, frames.activation[:, i]) if part else {}
         color = colors[part.group] if part else EXTRA_COLORS[4]
         file.morphing_mesh(name, surface, color, names, extras)
+    _add_solids(file, plan, keys, frames.times[weights_to_shapes(weights)])
     return write(path, file.glb(_root(plan, frames)))
 
 
@@ -90,6 +98,28 @@ def weight_keys(frames: Keyframes) -> tuple[np.ndarray, np.ndarray]:
         times.append(frames.times[i])
         shapes.append(i)
     return np.array(times), np.eye(count)[shapes, 1:]
+
+
+def weights_to_shapes(weights: np.ndarray) -> np.ndarray:
+    """Index (k,) of the shape that each row of weights (k, n - 1) shows."""
+    return np.where(weights.any(axis=1), 1 + weights.argmax(axis=1), 0)
+
+
+def _add_solids(file: _File, plan: Plan, keys: np.ndarray, times: np.ndarray) -> None:
+    """Add head and obstacles; the head turns at `keys` (k,) in s as it does at `times` (k,)."""
+    motion = plan.motion
+    z, y = curves(plan, times)[:, -2:].T
+    turns = np.stack(product(about_z(z), about_y(y)), axis=-1)[:, [1, 2, 3, 0]]
+    sampler = file.sampler_of(keys, turns, "VEC4")
+    phases: dict[Solid, list[str]] = {solid: [] for solid in head_solids(motion.trunk)}
+    for number, phase in enumerate(motion.phases):
+        for solid in obstacles(plan, number):
+            phases.setdefault(solid, []).append(phase.name)
+    for solid, names in phases.items():
+        surface = shaded(solid_surface(solid, motion.trunk.length).body)
+        extras = {"solid": solid.group} | ({"phases": names} if names else {})
+        turning = (pivot(motion.trunk), sampler) if solid.frame == "head" else None
+        file.still_mesh(solid.name, surface, color_of(solid), extras, turning)
 
 
 def _extras(muscle: Muscle, activation: np.ndarray) -> dict[str, Any]:
@@ -136,7 +166,8 @@ class _File:
     meshes: list[dict[str, Any]] = field(default_factory=list)
     materials: list[dict[str, Any]] = field(default_factory=list)
     nodes: list[dict[str, Any]] = field(default_factory=list)
-    sampler: dict[str, Any] = field(default_factory=dict)
+    samplers: list[dict[str, Any]] = field(default_factory=list)
+    channels: list[dict[str, Any]] = field(default_factory=list)
 
     def store(
         self, arrays: np.ndarray, kind: str, target: int | None = None, bounds: bool = False
@@ -166,11 +197,12 @@ class _File:
         self.views.append(view)
         return list(range(first, len(self.accessors)))
 
-    def animate(self, times: np.ndarray, weights: np.ndarray) -> None:
-        """Set the weights (k, targets) that all meshes share, at times (k,) in s."""
+    def sampler_of(self, times: np.ndarray, values: np.ndarray, kind: str) -> int:
+        """Store values (n, ...) of a kind at times (k,) in s; return the number of the sampler."""
         (time,) = self.store(times[None], "SCALAR", bounds=True)
-        (value,) = self.store(weights.reshape(1, -1), "SCALAR")
-        self.sampler = {"input": time, "output": value, "interpolation": "LINEAR"}
+        (value,) = self.store(values[None], kind)
+        self.samplers.append({"input": time, "output": value, "interpolation": "LINEAR"})
+        return len(self.samplers) - 1
 
     def morphing_mesh(
         self, name: str, surface: Surface, color: str, shapes: list[str], extras: dict[str, Any]
@@ -186,22 +218,50 @@ class _File:
         primitive = {
             "attributes": {"POSITION": position[0], "NORMAL": normal[0]},
             "indices": indices,
-            "material": len(self.materials),
             "targets": [{"POSITION": p, "NORMAL": n} for p, n in zip(moves, turns, strict=True)],
         }
+        weights = {"weights": [0.0] * len(shapes), "extras": {"targetNames": shapes}}
+        node = self._node(name, primitive, color, extras, weights)
+        self.channels.append({"sampler": 0, "target": {"node": node, "path": "weights"}})
+
+    def still_mesh(
+        self,
+        name: str,
+        surface: Surface,
+        color: str,
+        extras: dict[str, Any],
+        turning: tuple[np.ndarray, int] | None,
+    ) -> None:
+        """Add a node with a mesh that keeps its shape; it may turn about a point by a sampler."""
+        origin = np.zeros(3) if turning is None else turning[0]
+        (position,) = self.store(surface.vertices[:1] - origin, "VEC3", VERTICES, bounds=True)
+        (normal,) = self.store(surface.normals[:1], "VEC3", VERTICES)
+        (indices,) = self.store(surface.triangles.reshape(1, -1), "SCALAR", INDICES)
+        attributes = {"POSITION": position, "NORMAL": normal}
+        node = self._node(name, {"attributes": attributes, "indices": indices}, color, extras, {})
+        if turning is not None:
+            self.nodes[node]["translation"] = origin.tolist()
+            self.channels.append(
+                {"sampler": turning[1], "target": {"node": node, "path": "rotation"}}
+            )
+
+    def _node(
+        self,
+        name: str,
+        primitive: dict[str, Any],
+        color: str,
+        extras: dict[str, Any],
+        mesh: dict[str, Any],
+    ) -> int:
+        """Add a node with its own mesh and material, and return its number."""
         look = {"baseColorFactor": _linear(color), "metallicFactor": 0.0}
+        primitive = primitive | {"material": len(self.materials)}
         self.materials.append(
             {"name": name, "pbrMetallicRoughness": look | {"roughnessFactor": 0.6}}
         )
         self.nodes.append({"name": name, "mesh": len(self.meshes), "extras": extras})
-        self.meshes.append(
-            {
-                "name": name,
-                "primitives": [primitive],
-                "weights": [0.0] * len(shapes),
-                "extras": {"targetNames": shapes},
-            }
-        )
+        self.meshes.append({"name": name, "primitives": [primitive], **mesh})
+        return len(self.nodes) - 1
 
     def glb(self, root: dict[str, Any]) -> bytes:
         """The file: a header, then JSON and the buffer as chunks of whole words."""
@@ -214,14 +274,7 @@ class _File:
             "meshes": self.meshes,
             "materials": self.materials,
             "animations": [
-                {
-                    "name": "motion",
-                    "samplers": [self.sampler],
-                    "channels": [
-                        {"sampler": 0, "target": {"node": node, "path": "weights"}}
-                        for node in nodes
-                    ],
-                }
+                {"name": "motion", "samplers": self.samplers, "channels": self.channels}
             ],
             "accessors": self.accessors,
             "bufferViews": self.views,

@@ -15,17 +15,25 @@ import numpy as np
 
 from .._support.atomic_files import write
 from ..model.anatomy import Trunk
+from ..model.loads import vector
 from ..planning.plan import Plan
+from ..problem.step_solids import log_solid
 from ..rod.shape import Shape
 from ..scene.body import Body, muscle_body, trunk_body
 from ..scene.keyframes import Keyframes, at_steps
+from ..scene.moments import curves
+from ..scene.solid_meshes import head_and_obstacles, placed
+from ..scene.surroundings import logs
 
 LINE_PIECES = 40  # of the centerline, in each segment
+GROUPS = {"head": 0, "log": 1, "obstacles": 2}
 VTK_TYPES = {"f4": "Float32", "f8": "Float64", "i4": "Int32"}
 
 
-def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
+def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, ...]:
     """Write `muscles.pvd` and `centerline.pvd`, which ParaView opens, and the files they list.
+
+    Where there is a head, a log or an obstacle, also `surroundings.pvd`.
 
     There is a file for each time step, and another one millisecond after each jump of the loads.
 
@@ -33,7 +41,8 @@ def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
     the field array `muscle_names` has the names), `activation`, `segment` (1 is at the base) and
     `side` (1 right, -1 left). A trunk without muscles is one surface with muscle -1. The centerline
     has `Z` in m and `moment` in N m, in the directors, at its points, and `extension`, |dr/dZ|, at
-    the middle of each piece; the ends of segments are points.
+    the middle of each piece; the ends of segments are points. The triangles of the surroundings
+    are cells with the array `group`: 0 head, 1 log, 2 obstacles.
 
     Raises
     ------
@@ -43,17 +52,19 @@ def write_vtk(plan: Plan, folder: str | Path) -> tuple[Path, Path]:
     folder = Path(folder)
     frames = at_steps(plan)
     trunk = plan.motion.trunk
-    muscles = [folder / f"muscles_{i:04d}.vtp" for i in range(len(frames.times))]
-    lines = [folder / f"centerline_{i:04d}.vtp" for i in range(len(frames.times))]
-    for path, content in zip(muscles, _muscle_files(trunk, frames), strict=True):
-        write(path, content)
-    for path, content in zip(lines, _line_files(trunk, frames), strict=True):
-        write(path, content)
-    # Last, so that a collection never lists a file that does not exist yet.
-    return (
-        write(folder / "muscles.pvd", _collection(frames.times, muscles)),
-        write(folder / "centerline.pvd", _collection(frames.times, lines)),
-    )
+    contents = {
+        "muscles": _muscle_files(trunk, frames),
+        "centerline": _line_files(trunk, frames),
+        "surroundings": _surrounding_files(plan, frames.times),
+    }
+    collections = []
+    for name, files in contents.items():
+        paths = [folder / f"{name}_{i:04d}.vtp" for i in range(len(files))]
+        for path, content in zip(paths, files, strict=True):
+            write(path, content)
+        if paths:  # last, so that a collection never lists a file that does not exist yet
+            collections.append(write(folder / f"{name}.pvd", _collection(frames.times, paths)))
+    return tuple(collections)
 
 
 def _muscle_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
@@ -107,6 +118,37 @@ def _line_files(trunk: Trunk, frames: Keyframes) -> list[bytes]:
         ).xml()
         for i, time in enumerate(frames.times.tolist())
     ]
+
+
+def _surrounding_files(plan: Plan, times: np.ndarray) -> list[bytes]:
+    """Head, logs and obstacles at times in s; no file if there are none."""
+    heads = curves(plan, times)[:, -2:]
+    scenes = [_surroundings(plan, *at) for at in zip(times.tolist(), heads, strict=True)]
+    if not any(scenes):
+        return []
+    return [_solid_file(scene, time) for scene, time in zip(scenes, times.tolist(), strict=True)]
+
+
+def _surroundings(plan: Plan, time: float, head: np.ndarray) -> list[tuple[int, Body]]:
+    """Group and surface of each solid at a time in s and head angles (2,) in rad."""
+    solids = head_and_obstacles(plan, time, head)
+    for log in logs(plan):
+        solid = log_solid(vector(log.center(plan, time)), log.radius, log.length)
+        solids.append((solid, placed(plan.motion.trunk, solid, head)))
+    return [(GROUPS[solid.group], surface.body) for solid, surface in solids]
+
+
+def _solid_file(scene: list[tuple[int, Body]], time: float) -> bytes:
+    starts = np.cumsum([0, *(body.vertices.shape[1] for _, body in scene)])
+    cells = [body.triangles + start for (_, body), start in zip(scene, starts, strict=False)]
+    groups = [np.full(len(body.triangles), group) for group, body in scene]
+    return PolyData(
+        np.concatenate([np.zeros((0, 3)), *(body.vertices[0] for _, body in scene)]),
+        "Polys",
+        np.concatenate([np.zeros((0, 3), dtype=int), *cells]),
+        {"group": np.concatenate([np.zeros(0), *groups]).astype("i4")},
+        time=time,
+    ).xml()
 
 
 @dataclass(frozen=True, eq=False)

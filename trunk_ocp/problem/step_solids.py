@@ -23,15 +23,18 @@ def step_solids(
     spec: ProblemSpec, phase: PhaseSpec, trunk: Trunk, log: Log | None
 ) -> tuple[Solid, ...]:
     """All solids at a step of a phase at which the log is `log`."""
-    logs = () if log is None or log.center is None else (_cylinder(log, log.center),)
+    logs = []
+    if log is not None and log.center is not None:
+        length = log.length or LENGTH_OVER_RADIUS * log.radius
+        logs.append(log_solid(log.center, log.radius, length))
     there = (o for o in spec.obstacles if o.phases is None or phase.name in o.phases)
     obstacles = (built_solid(obstacle, "obstacles", obstacle.frame) for obstacle in there)
     return (*head_solids(trunk), *logs, *obstacles)
 
 
-def _cylinder(log: Log, center: Vector) -> Solid:
-    length = log.length or LENGTH_OVER_RADIUS * log.radius
-    return Solid(LOG_NAME, "log", "cylinder", center, LOG_AXES, (log.radius, length / 2))
+def log_solid(center: Vector, radius: float, length: float) -> Solid:
+    """A log along e_Y; center, radius and length in m."""
+    return Solid(LOG_NAME, "log", "cylinder", center, LOG_AXES, (radius, length / 2))
 
 
 def check_obstacles(obstacles: tuple[ObstacleSpec, ...], trunk: Trunk) -> None:

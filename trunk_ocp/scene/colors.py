@@ -1,4 +1,4 @@
-"""Colors of muscle groups and of the tip mass, the same in figures, film, page and files."""
+"""Colors of muscles, head, obstacles and tip mass, the same in figures, film, page and files."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ GROUP_COLORS = {
     "vr": "#CC79A7",
 }
 MASS = "#7A3B69"  # the mass that hangs on the tip
+HEAD = "#B8ADA2"
+OBSTACLE = "#7F9CC0"
 EXTRA_COLORS = ("#56B4E9", "#882255", "#999933", "#332288", "#6B6B6B", "#44AA99", "#AA4499")
 
 

@@ -1,4 +1,4 @@
-"""What surrounds the trunk in a plan: the head, logs, the mass at the tip, and the targets.
+"""What surrounds the trunk in a plan besides solids: logs, the mass at the tip, and the targets.
 
 Every figure, film and page takes its objects from here, so that all of them show the same ones.
 """
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.anatomy import Trunk
 from ..planning.plan import Plan
 from ..problem.interpolation import interpolate
 from ..problem.motion import LENGTH_OVER_RADIUS
@@ -72,17 +71,6 @@ class Mark:
     reached: np.ndarray
     directions: tuple[np.ndarray, ...]
     placed: bool = True
-
-
-def head_sphere(trunk: Trunk) -> tuple[np.ndarray, float] | None:
-    """Center (3,) and radius in m of the sphere on which the head moves the base (eq. 35)."""
-    head = trunk.head
-    if head.pivot_radius == 0:
-        return None
-    tilt, turn = head.xi_y, head.xi_z
-    # s of eq. (36), from the center to the base
-    s = np.array([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
-    return -head.pivot_radius * s, head.pivot_radius  # at rest the base is the origin
 
 
 def logs(plan: Plan) -> list[Log]:

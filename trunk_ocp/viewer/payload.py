@@ -17,14 +17,18 @@ import numpy as np
 
 from ..errors import InputError
 from ..model.anatomy import Muscle, Trunk
+from ..model.solids import pivot
 from ..planning.plan import Plan, Status
 from ..problem.interpolation import with_marks
 from ..problem.motion import Motion, Step
+from ..problem.step_solids import head_solids
 from ..rod.shape import Shape
 from ..scene.body import core_radius, frames, outline
 from ..scene.colors import MASS, group_colors
 from ..scene.moments import Moment, moments_at, phase_at
-from ..scene.surroundings import Mark, head_sphere, logs, marks, tip_mass
+from ..scene.solid_meshes import color_of, obstacles, solid_surface
+from ..scene.surfaces import shaded
+from ..scene.surroundings import Mark, logs, marks, tip_mass
 
 SECTIONS = 48  # cross-sections along the trunk, about
 SAMPLE_RATE = 25.0  # per second of motion
@@ -58,7 +62,8 @@ def _plan(plan: Plan) -> dict[str, Any]:
         "frames": _frames(plan, moments, grid.Z),
         "activation": encoded(np.array([moment.activation for moment in moments])),
         "head": encoded(np.array([moment.head for moment in moments])),
-        "pivot": _pivot(plan.motion.trunk),
+        "pivot": pivot(plan.motion.trunk).tolist(),
+        "solids": _solids(plan, moments),
         "objects": [*_logs(plan, moments), *_mass(plan, moments)],
         "targets": _targets(plan),
         "arrows": _arrows(plan),
@@ -235,10 +240,30 @@ def _frames(plan: Plan, moments: Sequence[Moment], Z: np.ndarray) -> dict[str, s
     }
 
 
-def _pivot(trunk: Trunk) -> dict[str, Any]:
-    """The sphere on which the head moves the base (eq. 35); of radius 0 if it only turns it."""
-    center, radius = head_sphere(trunk) or (np.zeros(3), 0.0)
-    return {"radius": radius, "center": center.tolist()}
+def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
+    """Parts of the head and obstacles at head angles 0, and whether they are `shown` in samples."""
+    trunk = plan.motion.trunk
+    phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
+    there = [
+        {*head_solids(trunk), *obstacles(plan, phase)} for phase in range(len(plan.motion.phases))
+    ]
+    entries = []
+    for solid in dict.fromkeys(solid for phase in there for solid in phase):
+        surface = shaded(solid_surface(solid, trunk.length).body)
+        entries.append(
+            {
+                "name": solid.name,
+                "group": solid.group,
+                "turns": solid.frame == "head",
+                "bounded": solid.shape != "half-space",
+                "color": color_of(solid),
+                "shown": [solid in there[phase] for phase in phases],
+                "points": encoded(surface.vertices[0]),
+                "normals": encoded(surface.normals[0]),
+                "triangles": surface.triangles.ravel().tolist(),
+            }
+        )
+    return entries
 
 
 def encoded(array: np.ndarray) -> str:

@@ -7,7 +7,8 @@ export const SIDES = { R: "right (solid)", L: "left (dashed)" };
 export const PARTS = {
   core: "inner tissue",
   skin: "skin",
-  head: "head pivot",
+  head: "head",
+  obstacles: "obstacles",
   targets: "targets",
   objects: "objects",
 };

@@ -19,6 +19,9 @@ function decodedPlan(plan) {
     activation: floats(plan.activation),
     head: floats(plan.head),
     objects: plan.objects.map((object) => ({ ...object, center: floats(object.center) })),
+    solids: plan.solids.map((solid) => ({
+      ...solid, points: floats(solid.points), normals: floats(solid.normals),
+    })),
   };
 }
 

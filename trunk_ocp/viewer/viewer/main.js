@@ -17,7 +17,7 @@ const clock = new Clock(Math.max(...plans.map((plan) => plan.duration)), draw);
 const look = {
   hidden: new Set(), // keys of groups and sides
   // If a muscle reaches the center there is no inner tissue, so the skin shows the trunk.
-  parts: { core: true, skin: reachCenter(plans), head: true, targets: true, objects: true },
+  parts: { core: true, skin: reachCenter(plans), head: true, obstacles: true, targets: true, objects: true },
   colorBy: "activation",
   colors: groupColors(plans),
   largest: Math.max(...activationRange(plans).map(Math.abs)),
@@ -82,7 +82,8 @@ function buildPanel() {
 function addPartBoxes() {
   const exists = {
     objects: plans.some((plan) => plan.objects.length),
-    head: plans.some((plan) => plan.pivot.radius > 0),
+    head: plans.some((plan) => plan.solids.some(({ group }) => group === "head")),
+    obstacles: plans.some((plan) => plan.solids.some(({ group }) => group === "obstacles")),
   };
   const parts = Object.entries(PARTS)
     .filter(([key]) => exists[key] ?? true)

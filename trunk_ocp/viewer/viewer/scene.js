@@ -6,14 +6,13 @@ import { activationColor } from "./colors.js";
 import { instantAt, mixed } from "./data.js";
 
 const GHOST_OPACITY = 0.13; // of the other muscles while one is selected
-const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, head: 0x7d7a78, log: 0x8a6540 };
+const COLORS = { core: 0xcfc6bd, skin: 0x8f8780, log: 0x8a6540 };
 // Sizes are fractions of the trunk's length.
 const TARGET = {
   now: { color: 0x111111, radius: 0.01 },
   other: { color: 0x8d8d8d, radius: 0.0065 },
 };
 const ARROW = { color: 0xcc0055, length: 0.1, radius: 0.01 };
-const PIVOT_RADIUS = 0.01;
 
 /** The scene of a plan; `show(time)` moves it, `dress(look)` colors and hides. */
 export class PlanScene {
@@ -30,8 +29,10 @@ export class PlanScene {
     this.objects = plan.objects.map(objectMesh);
     this.targets = targetMesh(plan.targets);
     this.arrows = arrowMesh(plan.arrows);
-    this.head = headGroup(plan.pivot, PIVOT_RADIUS * plan.trunk.length);
-    this.model.add(this.head, ...this.objects, this.targets, this.arrows);
+    this.solids = plan.solids.map((shape) => solidMesh(shape, plan.pivot));
+    this.head = headGroup(plan.pivot, this.solids);
+    const still = this.solids.filter((mesh) => !mesh.userData.turns);
+    this.model.add(this.head, ...still, ...this.objects, this.targets, this.arrows);
   }
 
   muscleBody(muscle) {
@@ -67,6 +68,10 @@ export class PlanScene {
       placeObject(mesh, this.plan.objects[i].center, instant);
       mesh.visible = (this.look?.parts.objects ?? true) && isThere(this.plan.objects[i], instant);
     });
+    for (const mesh of this.solids) {
+      const part = mesh.userData.group === "head" ? "head" : "obstacles";
+      mesh.visible = (this.look?.parts[part] ?? true) && isThere(mesh.userData, instant);
+    }
     markTargets(this.targets, this.plan, t);
     turnArrows(this.arrows, this.plan, t);
     this.turnHead(instant);
@@ -98,7 +103,6 @@ export class PlanScene {
       fade(mesh.material, look.selected !== null);
     }
     this.skin.visible = look.parts.skin;
-    this.head.visible = look.parts.head;
     this.targets.visible = look.parts.targets;
     this.arrows.visible = look.parts.targets;
     for (const mesh of this.objects) mesh.visible = look.parts.objects;
@@ -117,7 +121,8 @@ export class PlanScene {
   /** Name of the first muscle that a ray hits, or null. */
   pick(raycaster) {
     this.model.updateMatrixWorld();
-    const meshes = [...this.muscles, ...this.cores].filter((mesh) => mesh.visible);
+    const all = [...this.muscles, ...this.cores, ...this.solids];
+    const meshes = all.filter((mesh) => mesh.visible);
     const [hit] = raycaster.intersectObjects(meshes, false);
     return hit?.object.userData.muscle?.name ?? null;
   }
@@ -248,30 +253,22 @@ function turnArrows(mesh, { arrows, trunk }, t) {
   if (arrows.length) mesh.instanceMatrix.needsUpdate = true;
 }
 
-/** The sphere that the base moves on; circles on it show the rotation of the head. */
-function headGroup({ center, radius }, dot) {
-  const group = new THREE.Group();
-  group.position.set(...center);
-  if (radius <= 0) return group;
-  const { head: color } = COLORS;
-  const ball = new THREE.MeshLambertMaterial({
-    color, transparent: true, opacity: 0.13, depthWrite: false,
-  });
-  group.add(new THREE.Mesh(new THREE.SphereGeometry(radius, 40, 24), ball));
-  group.add(new THREE.Mesh(new THREE.SphereGeometry(dot, 16, 12), solid(color)));
-  for (const plane of ["xy", "xz", "yz"]) group.add(ring(radius, plane));
-  return group;
+/** A part of the head or an obstacle; one that turns with the head is relative to the pivot. */
+function solidMesh({ points, normals, triangles, color, group, turns, shown }, pivot) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+  geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+  geometry.setIndex(triangles);
+  if (turns) geometry.translate(...pivot.map((x) => -x));
+  const mesh = new THREE.Mesh(geometry, solid(color));
+  mesh.userData = { group, turns, shown };
+  return mesh;
 }
 
-function ring(radius, plane) {
-  const flat = circle(radius, 72);
-  const points = Array.from({ length: 72 }, (_, i) => {
-    const at = { x: 0, y: 0, z: 0 };
-    [at[plane[0]], at[plane[1]]] = [flat[2 * i], flat[2 * i + 1]];
-    return new THREE.Vector3(at.x, at.y, at.z);
-  });
-  const material = new THREE.LineBasicMaterial({
-    color: COLORS.head, transparent: true, opacity: 0.55,
-  });
-  return new THREE.LineLoop(new THREE.BufferGeometry().setFromPoints(points), material);
+/** What turns with the head about its pivot. */
+function headGroup(pivot, solids) {
+  const group = new THREE.Group();
+  group.position.set(...pivot);
+  group.add(...solids.filter((mesh) => mesh.userData.turns));
+  return group;
 }

@@ -189,9 +189,9 @@ function bounds(plans) {
   const all = (array, margin) => {
     for (let k = 0; k < array.length; k += 3) add(array[k], array[k + 1], array[k + 2], margin);
   };
-  for (const { trunk, frames, objects, pivot } of plans) {
+  for (const { trunk, frames, objects, solids } of plans) {
     all(frames.position, 0.7 * trunk.radius);
-    add(...pivot.center, pivot.radius);
+    for (const { points, bounded } of solids) if (bounded) all(points, 0);
     for (const { center, radius } of objects) all(center, radius);
   }
   const half = high.clone().sub(low).divideScalar(2);
