@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, buckling_margin
     from .rod.buckling import buckling_margin as stability
+    from .rod.flutter import Flutter, flutter
     from .rod.point_shapes import PointShapes
     from .rod.shape import Shape
     from .rod.shape_map import ShapeMap
@@ -65,6 +66,7 @@ _HOMES = {
     "rod.shape_map": ("ShapeMap",),
     "planning.plan": ("Plan", "PlanError", "Status"),
     "rod.buckling": ("Stability", "buckling_margin"),
+    "rod.flutter": ("Flutter", "flutter"),
     "rod.shape": ("Shape",),
     "rod.statics": ("solve_statics",),
     "planning.options": ("Options",),
@@ -87,6 +89,7 @@ __all__ = [
     "Checkpoint",
     "Diagnosis",
     "Finding",
+    "Flutter",
     "InputError",
     "Loads",
     "Motion",
@@ -113,6 +116,7 @@ __all__ = [
     "explain",
     "export",
     "find_optima",
+    "flutter",
     "foresight",
     "front",
     "load_anatomy",

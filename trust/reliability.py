@@ -82,8 +82,8 @@ for all but the first, unless called with `throw=False`.
 
 Plans are local optima; a target reported as out of reach is not proved to be. Contact with the
 head, the log or the trunk itself is not modeled. Where a couple acts, stability excludes static
-buckling but not flutter. Identical bits are guaranteed only on the same machine with the same
-versions. All trials ran on one machine.
+buckling; flutter is a warning only. Identical bits are guaranteed only on the same machine with
+the same versions. All trials ran on one machine.
 """
 
 

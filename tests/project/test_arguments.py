@@ -89,6 +89,7 @@ def calls(plan, replanner, folder):
             to.buckling_margin,
             {"shape": shape, "activation": REST, "loads": to.Loads()},
         ),
+        "flutter": (to.flutter, {"shape": shape, "activation": REST, "loads": to.Loads()}),
         "tip_jacobian": (
             to.tip_jacobian,
             {"shape": shape, "activation": REST, "head": AHEAD, "loads": to.Loads()},
@@ -117,6 +118,7 @@ def calls(plan, replanner, folder):
 
 
 RETURNED_NOT_CALLED = {
+    "Flutter",
     *("Diagnosis", "Finding", "Motion", "Plan", "PointShapes", "Progress", "Reporter", "Shape"),
     *("Stability", "Status", "Trunk"),
     *("InputError", "PlanError", "SolverMissingError", "StaticsError", "TrunkError"),

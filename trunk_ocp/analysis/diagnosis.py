@@ -382,6 +382,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
             f"step {t + 1}: the loads leave {100 * margin[t]:.2g} % of the trunk's stiffness"
         )
         yield Finding("warning", "the trunk is near buckling", (remaining,))
+    yield from _flutter(plan)
     check = plan.verification
     worst, turn = float(check.position_difference.max()), float(check.turn.max())
     most = check.max_position_difference
@@ -400,6 +401,18 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     if plan.auxiliary and (excess := change_excess(plan)) > BOUND_TOL:
         details = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
         yield Finding("note", "the plan exceeds the horizon's bounds on change", details)
+
+
+def _flutter(plan: Plan) -> Iterator[Finding]:
+    """Steps at which a vibration grows under a couple fixed in space."""
+    growth, frequency = plan.flutter.growth, plan.flutter.frequency
+    details = tuple(
+        f"step {t + 1}: growth {growth[t]:.2g} /s at {frequency[t]:.2g} Hz, undamped"
+        for t in np.flatnonzero(plan.flutter.flutters).tolist()
+    )
+    if details:
+        what = "the trunk flutters: a vibration takes energy from the couple, fixed in space"
+        yield Finding("warning", what, details)
 
 
 def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._support.wording import rounded
+from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
 from ..contact.gaps import gaps_at_steps
@@ -23,6 +23,8 @@ from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
 from ..rod.buckling import Stability, buckling_margin
 from ..rod.collocation import Mesh
+from ..rod.flutter import MODES as VIBRATION_MODES
+from ..rod.flutter import Flutter, flutter
 from ..rod.shape import Shape
 from ..rod.statics import refined, solve_statics
 from .step_errors import StepErrors, step_errors
@@ -233,6 +235,38 @@ class Plan:
         return self.clearance.sentences(self.motion.contact) if self.motion.contact else []
 
     @cached_property
+    def flutter(self) -> Flutter:
+        """Vibrations of the planned shapes (H,) under a couple fixed in space; NaN elsewhere.
+
+        What the trunk carries vibrates with it: a log of the problem file, and the tip mass.
+        """
+        rates = np.full((len(self.x), VIBRATION_MODES), np.nan, dtype=complex)
+        if self.motion.trunk.density > 0:
+            for t, (step, load) in enumerate(zip(self.motion.steps, self.loads, strict=False)):
+                if any(load.contact_couple):
+                    carried = step.log is not None and step.log.contact_from is not None
+                    contact = step.log.mass if carried and step.log else None
+                    tip = self.motion.spec.phases[step.phase].loads.tip_mass
+                    parts = self.shape[t], self.activations[t], load, contact or 0.0, tip
+                    rates[t] = flutter(*parts).rates
+        return Flutter(rates)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Warnings on a plan that passes its checks, a sentence each."""
+        steps = np.flatnonzero(self.flutter.flutters)
+        if not steps.size:
+            return self.verification.doubts
+        worst = steps[np.argmax(self.flutter.growth[steps])]
+        growth, frequency = self.flutter.growth[worst], self.flutter.frequency[worst]
+        most = "up to " if steps.size > 1 else ""
+        return [
+            *self.verification.doubts,
+            f"{step_list((steps + 1).tolist())} flutter: growth {most}{growth:.2g} /s at "
+            f"{frequency:.2g} Hz, undamped; the couple is fixed in space",
+        ]
+
+    @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
         """Errors of each step, from the independently integrated shapes."""
         return step_errors(self.motion, self.verification, self.head)
@@ -299,7 +333,7 @@ class Plan:
     def with_record(self, **record: Any) -> Plan:
         """The plan with other fields on how it was made; results of its checks are kept."""
         plan = replace(self, **record)
-        checks = ("verification", "stability", "errors", "clearance")
+        checks = ("verification", "stability", "flutter", "errors", "clearance")
         vars(plan).update({name: vars(self)[name] for name in checks if name in vars(self)})
         return plan
 

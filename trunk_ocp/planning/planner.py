@@ -121,7 +121,7 @@ def plan_motion(
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *obstructions(motion), *plan.verification.doubts),
+        notes=(*plan.notes, *obstructions(motion), *plan.doubts),
     )
     return plan.checked() if throw else plan
 

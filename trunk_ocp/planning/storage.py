@@ -49,6 +49,8 @@ UNITS = {
     "tangent_error": "length of the error of a director, the tangent d3 as a rule",
     "stability_margin": "share of the stiffness that the loads leave; 0: the trunk buckles",
     "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
+    "flutter_growth": "1/s, of vibrations under a couple fixed in space; null without a couple",
+    "flutter_frequency": "Hz, of the vibration that grows fastest, or the lowest if none grows",
     "psi_z, psi_y": "rad",
     "objective": "J of eq. (42) with the problem's weights",
 }
@@ -213,7 +215,7 @@ def _clearance(gap: Gap | None) -> dict[str, Any] | None:
 
 def _timesteps(plan: Plan) -> list[dict[str, Any]]:
     """Entries of `summary` for each time step."""
-    stability = plan.stability
+    stability, flutter = plan.stability, plan.flutter
     rows = zip(plan.motion.steps, plan.errors, plan.x, strict=False)
     return [
         {
@@ -226,6 +228,8 @@ def _timesteps(plan: Plan) -> list[dict[str, Any]]:
             "tangent_error_at": errors.direction_Z.tolist(),
             "stability_margin": float(stability.margin[t]),
             "falling_directions": int(stability.index[t]),
+            "flutter_growth": float(flutter.growth[t]),
+            "flutter_frequency": float(flutter.frequency[t]),
             "psi_z": float(x[-2]),
             "psi_y": float(x[-1]),
             "clearance": _clearance(plan.clearance.of_step(t)),

@@ -19,7 +19,7 @@ A couple that keeps its direction in space is not conservative in three dimensio
 Principles of Structural Stability, 1968). Its moment enters M, but its tangent, 1/2 l x eta in the
 rotation vector eta, is skew: it adds nothing to Q, which is the symmetric part of the tangent
 stiffness. By Bromwich's bound a positive Q then rules out divergence, that is static buckling, but
-not flutter.
+not flutter, which `flutter` finds.
 """
 
 from __future__ import annotations
@@ -91,23 +91,13 @@ def buckling_margin(
     InputError
         For activations or loads that do not match the shape's batch axes.
     """
-    trunk, batch = shape.trunk, shape.states.shape[:-3]
-    activation = check_activation(trunk, activation)
-    each = [loads] if isinstance(loads, Loads) else list(loads)
-    Z = shape.mesh.points.ravel()
-    force = np.reshape([internal_force(load, trunk, Z) for load in each], (-1, Z.size, 3))
-    try:
-        force = np.broadcast_to(force[0] if len(each) == 1 else force, (*batch, Z.size, 3))
-        activations = np.broadcast_to(activation, (*batch, activation.shape[-1]))
-    except ValueError:
-        raise InputError(
-            f"activation and loads: expected leading axes that match those of the shape, {batch}, "
-            f"got {activation.shape[:-1]} with {len(each)} loads."
-        ) from None
-    integral = _integral(shape.mesh) if 3 * Z.size <= MAX_DENSE_UNKNOWNS else None
+    batch, Z = shape.states.shape[:-3], shape.mesh.points.ravel()
+    activations, each, which = matched(shape, activation, loads)
+    force = [internal_force(load, shape.trunk, Z) for load in each]
+    integral = integral_matrix(shape.mesh) if 3 * Z.size <= MAX_DENSE_UNKNOWNS else None
     margin, index = np.empty(batch), np.zeros(batch, dtype=int)
     for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        parts = _integrand(shape[i], activations[i], force[i])
+        parts = integrand(shape[i], activations[i], force[which[i]])
         if integral is not None:
             values = _eigenvalues(integral, *parts)
             margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL_MARGIN)
@@ -116,7 +106,31 @@ def buckling_margin(
     return Stability(np.minimum(margin, 1.0), index)
 
 
-def _integrand(
+def matched(
+    shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]
+) -> tuple[np.ndarray, list[Loads], np.ndarray]:
+    """Activations (..., muscles) of shapes (...), loads, and which of them are each shape's (...).
+
+    Raises
+    ------
+    InputError
+        For activations or loads that do not match the shape's batch axes.
+    """
+    batch = shape.states.shape[:-3]
+    activation = check_activation(shape.trunk, activation)
+    each = [loads] if isinstance(loads, Loads) else list(loads)
+    try:
+        which = np.broadcast_to(0 if len(each) == 1 else np.arange(len(each)), batch)
+        activations = np.broadcast_to(activation, (*batch, activation.shape[-1]))
+    except ValueError:
+        raise InputError(
+            f"activation and loads: expected leading axes that match those of the shape, {batch}, "
+            f"got {activation.shape[:-1]} with {len(each)} loads."
+        ) from None
+    return activations, each, which
+
+
+def integrand(
     shape: Shape, activation: np.ndarray, N: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rate, by_turn and by_rate, (..., n, 3, 3), of Q as a sum over n Gauss points.
@@ -153,7 +167,17 @@ def _integrand(
 def _eigenvalues(
     integral: np.ndarray, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray
 ) -> np.ndarray:
-    """Eigenvalues (3 n,), ascending, of Q in the unknowns s (n, 3); see `_integrand`.
+    """Eigenvalues (3 n,), ascending, of Q in the unknowns s (n, 3); see `quadratic_form`."""
+    Q = quadratic_form(integral, rate, by_turn, by_rate)
+    if not np.all(np.isfinite(Q)):  # no equilibrium, and so no stable one
+        return np.full(len(Q), np.nan)
+    return np.linalg.eigvalsh(Q)
+
+
+def quadratic_form(
+    integral: np.ndarray, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray
+) -> np.ndarray:
+    """Matrix (3 n, 3 n) of Q in the unknowns s (n, 3); see `integrand`.
 
     integral : (n, n), from y' to y.
     """
@@ -163,9 +187,8 @@ def _eigenvalues(
     by_point = load.reshape(-1, 3, len(integral), 3)
     by_point[points, :, points] += by_rate @ rate
     Q = turn.reshape(size, size).T @ load.reshape(size, size)
-    if not np.all(np.isfinite(Q)):  # no equilibrium, and so no stable one
-        return np.full(size, np.nan)
-    return np.linalg.eigvalsh(np.eye(size) + (Q + Q.T) / 2)
+    whole: np.ndarray = np.eye(size) + (Q + Q.T) / 2
+    return whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +218,7 @@ class _ElementChain:
 
     @classmethod
     def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> Self:
-        """The chain of an integrand (n, 3, 3) on a mesh; see `_integrand`."""
+        """The chain of an integrand (n, 3, 3) on a mesh; see `integrand`."""
         element, E, d = gauss(mesh.degree), mesh.elements, mesh.degree
         each = (E, d, 3, 3)
         rates = (mesh.widths[:, None, None, None] * rate.reshape(each)).swapaxes(1, 2)
@@ -252,7 +275,7 @@ class _ElementChain:
         return count
 
 
-def _integral(mesh: Mesh) -> np.ndarray:
+def integral_matrix(mesh: Mesh) -> np.ndarray:
     """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each."""
     element, E = gauss(mesh.degree), mesh.elements
     before, within = np.tri(E, k=-1), np.eye(E)

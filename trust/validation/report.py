@@ -48,7 +48,7 @@ hundred-thousandth of that taper only four. The package integrates numerically i
 is symmetric, as the Maxwell-Betti theorem requires, and the derivative of the energy is the
 displacement. With the couple of these cases it is asymmetric by {asymmetry:.0f} %, which is
 correct. No energy decides whether such a shape is stable; `stability` uses the symmetric part of
-its tangent stiffness, which excludes static buckling but not flutter.
+its tangent stiffness, which excludes static buckling but not flutter. `flutter` finds that.
 
 **Several equilibria.** A rod raised by 45 degrees with w L^3 / E I = 50 has several. Starting from
 the unloaded shape, the solver finds one with its tip at ({x:.2f}, {up:.2f}) L, above and behind
