@@ -290,7 +290,7 @@ def _in_the_way(plan: Plan) -> Iterator[Finding]:
             f"{name}: in contact at {step_list(sorted(steps))}" for name, steps in touched.items()
         )
         advice = "See what a little less clearance would gain: trunk-ocp explain."
-        yield Finding("failure", "bodies are in the way:", details, advice)
+        yield Finding("failure", "bodies are in the way", details, advice)
 
 
 def _missed(plan: Plan) -> Finding:
@@ -346,7 +346,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         groups = {gap.group for gap in plan.clearance.all if gap.depth > 0}
         kinds = ",".join(sorted(groups | plan.motion.contact))
         advice = f"--contact {kinds} plans clear of them."
-        yield Finding("warning", "the trunk passes through bodies:", tuple(entered), advice)
+        yield Finding("warning", "the trunk passes through bodies", tuple(entered), advice)
     reached = at_bounds(plan)
     levels: tuple[tuple[str, Literal["warning", "note"], str], ...] = (
         ("contraction", "warning", "muscles at their bound of contraction"),

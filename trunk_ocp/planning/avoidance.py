@@ -2,30 +2,82 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..contact.exchange import Exchange
+from ..contact.gaps import Gap
+from ..problem.interpolation import interpolate_all
+from ..problem.motion import Motion
+from ..problem.variants import refined_spec
 from .plan import Plan
 from .planning_run import PlanningRun
 
 MAX_ROUNDS = 25
-"""Plans made to find out which gaps to keep; shipped motions need 2 to 4."""
+"""Plans made with the same time steps to find out which gaps to keep; shipped motions need 2 to 4."""
+MAX_INSERTIONS = 3
+"""How often time steps are inserted."""
+MAX_TIGHTENING = 5e-3
+"""Collision between time steps that larger gaps at the steps may cure, over the trunk's length;
+9 mm for the elephant. A deeper one needs more time steps."""
 
 
 def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     """The plan, made again with rows for gaps that are too small, until none is.
 
     `run` made the plan; its motion says which bodies to keep clear of. Gaps between time steps
-    matter once those at time steps are kept. Ends early where a plan does not converge.
+    matter once those at time steps are kept. A horizon that passes deep through a body between
+    them gets additional time steps. Ends early where a plan does not converge.
     """
+    for _ in range(MAX_INSERTIONS + 1):
+        plan, deep = _exchanged(plan, run)
+        motion = _refined(run.motion, deep) if run.mode == "horizon" else None
+        if motion is None:
+            break
+        before, count = len(run.motion.steps), len(motion.steps)
+        run.optimizer.reporter.note(
+            f"Planning again with {count} time steps instead of {before}, to get around bodies."
+        )
+        guess = _resampled(plan, motion)
+        run = replace(run, motion=motion, lookahead=count, start=None, checkpoint=None, guess=guess)
+        plan = run.run()
+    return plan
+
+
+def _exchanged(plan: Plan, run: PlanningRun) -> tuple[Plan, list[Gap]]:
+    """The plan with all gaps that its time steps can keep, and those too small between them."""
     exchange, reporter = Exchange(run.motion), run.optimizer.reporter
+    limit = MAX_TIGHTENING * run.motion.trunk.length
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
-        if not exchange.add(plan.x, plan.shape) and not exchange.tighten(plan.clearance.between):
-            break
-        reporter.note(f"Planning again with {exchange.count} gaps to keep.")
+        if exchange.add(plan.x, plan.shape):
+            reporter.note(f"Planning again with {exchange.count} gaps to keep.")
+        else:
+            between = plan.clearance.between
+            deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
+            if deep and run.mode == "horizon":
+                return plan, deep
+            ways = exchange.tighten(between)
+            if not ways:
+                break
+            reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
         plan = replace(
             run, mesh=plan.mesh, start=None, checkpoint=None, guess=plan.x, gaps=exchange.rows
         ).run()
-    return plan
+    return plan, []
+
+
+def _refined(motion: Motion, deep: Sequence[Gap]) -> Motion | None:
+    """The motion with more time steps in the phases with collisions; None if that is no use."""
+    if not deep:
+        return None
+    spec = refined_spec(motion.spec, {motion.steps[gap.step].phase for gap in deep})
+    return None if spec is None else motion.with_spec(spec)
+
+
+def _resampled(plan: Plan, motion: Motion) -> np.ndarray:
+    """Controls of a plan at the time steps of the same motion with more of them."""
+    return interpolate_all(plan.motion, plan.trajectory, motion.times)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
@@ -13,13 +14,13 @@ from .._support.arguments import check_arguments
 from .._support.toml_files import is_file, read_toml, shipped
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
-from ..model.loads import Loads, vector
+from ..model.loads import Loads, Vector, vector
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .step_solids import check_obstacles, step_solids
-from .targets import HeldDirection, check_earlier, origins_of, phase_targets, wrap_center
+from .targets import HeldDirection, earlier_step, origins_of, phase_targets, wrap_center
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
 
@@ -70,30 +71,42 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     matches = matching_muscles(spec, trunk.muscles)
     box = _box(trunk, spec.bounds, matches, None, "bounds")
     steps: list[Step] = []
+    with_targets: list[int] = []  # numbers of steps, from 0, as files count them
     phases: list[Phase] = []
     start = 0.0
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
         phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
-        for i in range(1, phase.steps + 1):
+        before = spec.phases[number - 1].loads if number else LoadsSpec()
+        parts = phase.free_steps + 1
+        for part in range(1, phase.steps * parts + 1):
+            free = part % parts != 0
+            i = part / parts if free else part // parts  # in time steps with targets
             log = _log(spec, phase, i, origins)
+            targets = () if free else phase_targets(phase, i, trunk, origins, with_targets, where)
+            loads = _loads(phase.loads, spec.gravity, trunk, where)
+            if i < 1:
+                start_loads = _loads(before, spec.gravity, trunk, where)
+                loads = _ramped(start_loads, loads, before, phase.loads, i)
             steps.append(
                 Step(
                     time=start + phase.duration * i / phase.steps,
-                    duration=phase.duration / phase.steps,
+                    duration=phase.duration / (phase.steps * parts),
                     phase=number,
-                    targets=phase_targets(phase, i, trunk, origins, len(steps), where),
-                    loads=_loads(phase.loads, spec.gravity, trunk, where),
-                    pull=_pull(phase.loads, i / phase.steps, trunk, len(steps), where),
+                    targets=targets,
+                    loads=loads,
+                    pull=_pull(phase.loads, i / phase.steps, trunk, with_targets, where),
                     box=phase_box,
-                    change=_change(phase.change, i, len(trunk.muscles)),
-                    auxiliary=_auxiliary(phase),
+                    change=_change(phase.change, math.ceil(i), len(trunk.muscles), parts),
+                    auxiliary=None if free else _auxiliary(phase),
                     log=log,
                     solids=step_solids(spec, phase, trunk, log),
                 )
             )
+            with_targets += [] if free else [len(steps) - 1]
         start += phase.duration
-        phases.append(Phase(phase.name, start, phase.interpolation))
+        smooth = parts > 1 and phase.interpolation == "cosine"  # else it would stop at every step
+        phases.append(Phase(phase.name, start, "hermite" if smooth else phase.interpolation))
     _check_contact(steps)
     return Motion(
         spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, box, build_motion
@@ -167,8 +180,8 @@ def _box(
     return Bounds(lower, upper)
 
 
-def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Bounds:
-    """Bounds on the change to step i of a phase; later entries override."""
+def _change(specs: tuple[ChangeSpec, ...], i: int, count: int, parts: int) -> Bounds:
+    """Bounds on the change to step i of a phase, or to a part of it; later entries override."""
     upper = np.full(count + 2, np.inf)
     lower = -upper
     for spec in specs:
@@ -179,7 +192,7 @@ def _change(specs: tuple[ChangeSpec, ...], i: int, count: int) -> Bounds:
         for index, pair in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
             if pair is not None:
                 lower[index], upper[index] = np.radians(pair)
-    return Bounds(lower, upper)
+    return Bounds(lower / parts, upper / parts)
 
 
 def _auxiliary(phase: PhaseSpec) -> Auxiliary | None:
@@ -209,12 +222,45 @@ def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
     return Loads(gravity, vector(tip), contact_from, force, couple)
 
 
+def _ramped(
+    before: Loads, loads: Loads, spec_before: LoadsSpec, spec: LoadsSpec, share: float
+) -> Loads:
+    """Loads on the way to the first time step of a phase, as interpolation has them.
+
+    `share` is how far on the way, below 1. Loads that jump have the values of the phase.
+    """
+    weight, jump = (1 - math.cos(math.pi * share)) / 2, spec.jump
+
+    def blend(one: Vector, other: Vector, jumps: bool) -> np.ndarray:
+        return (
+            np.asarray(other) if jumps else (1 - weight) * np.array(one) + weight * np.array(other)
+        )
+
+    force = blend(spec_before.tip_force, spec.tip_force, jump.tip_force)
+    masses = [
+        vector(np.subtract(load.tip_force, part.tip_force))
+        for load, part in ((before, spec_before), (loads, spec))
+    ]
+    contact_from = loads.contact_from
+    if contact_from is None and not jump.contact:
+        contact_from = before.contact_from
+    return replace(
+        loads,
+        tip_force=vector(force + blend(masses[0], masses[1], jump.tip_mass)),
+        contact_from=contact_from,
+        contact_force=vector(blend(before.contact_force, loads.contact_force, jump.contact)),
+        contact_couple=vector(blend(before.contact_couple, loads.contact_couple, jump.contact)),
+    )
+
+
 def _mass(log: LogSpec) -> float:
     """Mass of a log in kg."""
     return math.pi * log.radius**2 * log.length * log.density
 
 
-def _log(spec: ProblemSpec, phase: PhaseSpec, i: int, origins: dict[str, np.ndarray]) -> Log | None:
+def _log(
+    spec: ProblemSpec, phase: PhaseSpec, i: float, origins: dict[str, np.ndarray]
+) -> Log | None:
     """The log at step i of a phase; see `Log`."""
     wrap, carried = phase.wrap, phase.loads.log
     if wrap is not None:
@@ -240,13 +286,13 @@ def _log(spec: ProblemSpec, phase: PhaseSpec, i: int, origins: dict[str, np.ndar
 
 
 def _pull(
-    spec: LoadsSpec, t: float, trunk: Trunk, step: int, where: str
+    spec: LoadsSpec, t: float, trunk: Trunk, earlier: Sequence[int], where: str
 ) -> tuple[float, HeldDirection] | None:
     if spec.pull is None:
         return None
     pull = spec.pull
-    check_earlier(pull.held_from_step, step, f"{where}.loads.pull.held_from_step")
-    held = HeldDirection(pull.held_from_step - 1, trunk.length, int(pull.along[1]) - 1)
+    step = earlier_step(pull.held_from_step, earlier, f"{where}.loads.pull.held_from_step")
+    held = HeldDirection(step, trunk.length, int(pull.along[1]) - 1)
     return pull.force * (t if pull.ramp else 1.0), held
 
 

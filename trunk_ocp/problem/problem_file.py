@@ -22,6 +22,8 @@ Frame = Literal["space", "head"]
 
 MAX_STEPS = 1000
 """Most steps of a motion; as one NLP, more would take minutes and gigabytes."""
+MAX_FREE_STEPS = 31
+"""Most additional time steps before each time step of a phase."""
 MAX_POINTS = 100
 """Most points of a wrap, and targets of a phase."""
 MAX_CONTROL_POINTS = 50
@@ -336,6 +338,14 @@ class PhaseSpec(Strict):
     steps: PositiveInt = Field(
         default=1, le=MAX_STEPS, description="time steps, at equal intervals"
     )
+    free_steps: int = Field(
+        default=0,
+        ge=0,
+        le=MAX_FREE_STEPS,
+        description="additional time steps without targets before each time step, at equal "
+        "intervals: shapes on the way that the plan chooses freely, to get around bodies. Bounds "
+        "on change are divided among them, and cosine interpolation becomes hermite",
+    )
     interpolation: Interpolation = Field(
         default="cosine", description="of activations and head angles between time steps"
     )
@@ -411,7 +421,7 @@ class ProblemSpec(Strict):
 
     @model_validator(mode="after")
     def _planned_together(self) -> ProblemSpec:
-        count = sum(phase.steps for phase in self.phases)
+        count = sum(phase.steps * (phase.free_steps + 1) for phase in self.phases)
         if count > MAX_STEPS:
             raise ValueError(
                 f"phases have {count} steps together; expected at most {MAX_STEPS}, as they are "

@@ -110,7 +110,12 @@ def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
 
 
 def phase_targets(
-    phase: PhaseSpec, i: int, trunk: Trunk, origins: dict[str, np.ndarray], step: int, where: str
+    phase: PhaseSpec,
+    i: float,
+    trunk: Trunk,
+    origins: dict[str, np.ndarray],
+    earlier: Sequence[int],
+    where: str,
 ) -> tuple[Target, ...]:
     """Targets of step i of a phase (from 1), with numbers in place of paths and arcs.
 
@@ -118,8 +123,8 @@ def phase_targets(
     ----------
     origins : dict
         See `origins_of`.
-    step : int
-        Number of the step in the motion, from 0.
+    earlier : sequence of int
+        Numbers, from 0, of the motion's time steps with targets before this one.
     where : str
         Key of the phase, for messages.
 
@@ -132,7 +137,7 @@ def phase_targets(
     targets = []
     for n, spec in enumerate(phase.targets, 1):
         place = _place(spec, spec.position, phase, i, origins)
-        targets.append(_point(spec, place, trunk, step, f"{where}.targets[{n}]"))
+        targets.append(_point(spec, place, trunk, earlier, f"{where}.targets[{n}]"))
     if phase.wrap is not None:
         for Z in phase.wrap.Z:
             _on_trunk(Z, trunk, f"{where}.wrap.Z")
@@ -141,7 +146,7 @@ def phase_targets(
     return tuple(targets)
 
 
-def wrap_center(phase: PhaseSpec, i: int, origins: dict[str, np.ndarray]) -> Vector | None:
+def wrap_center(phase: PhaseSpec, i: float, origins: dict[str, np.ndarray]) -> Vector | None:
     """Center (3,) in m of the arc that a phase wraps around at its step i; None without a wrap."""
     wrap = phase.wrap
     return None if wrap is None else _place(wrap, wrap.center, phase, i, origins)
@@ -151,7 +156,7 @@ def _place(
     spec: TargetSpec | WrapSpec,
     fixed: Vec3 | None,
     phase: PhaseSpec,
-    i: int,
+    i: float,
     origins: dict[str, np.ndarray],
 ) -> Vector | None:
     """Position in m of a target or a wrap's center at step i of its phase; None if it has none."""
@@ -182,14 +187,14 @@ def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, 
 
 
 def _point(
-    spec: TargetSpec, position: Vector | None, trunk: Trunk, step: int, where: str
+    spec: TargetSpec, position: Vector | None, trunk: Trunk, earlier: Sequence[int], where: str
 ) -> Target:
     Z = _on_trunk(spec.Z, trunk, f"{where}.Z")
     directions: list[Direction | None] = []
     for j, direction in enumerate((spec.d1, spec.d2, spec.d3)):
         if isinstance(direction, HeldSpec):
-            check_earlier(direction.held_from_step, step, f"{where}.d{j + 1}.held_from_step")
-            directions.append(HeldDirection(direction.held_from_step - 1, Z, j))
+            number, key = direction.held_from_step, f"{where}.d{j + 1}.held_from_step"
+            directions.append(HeldDirection(earlier_step(number, earlier, key), Z, j))
         else:
             directions.append(None if direction is None else vector(_unit(np.asarray(direction))))
     weights = (spec.d1_weight, spec.d2_weight, spec.d3_weight)
@@ -258,7 +263,14 @@ def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
     return Z
 
 
-def check_earlier(number: int, step: int, where: str) -> None:
-    """Raise InputError unless time step `number` (from 1) comes before step `step` (from 0)."""
-    if number > step:
-        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {step}.")
+def earlier_step(number: int, earlier: Sequence[int], where: str) -> int:
+    """Number, from 0, of the time step that a file calls `number`, from 1.
+
+    Raises
+    ------
+    InputError
+        If it is not among the earlier ones.
+    """
+    if number > len(earlier):
+        raise InputError(f"{where} = {number}: expected an earlier time step, 1 to {len(earlier)}.")
+    return earlier[number - 1]

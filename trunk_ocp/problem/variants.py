@@ -7,7 +7,7 @@ the same thing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -97,6 +97,21 @@ def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
     )
     edited = spec.model_copy(update={"bounds": silenced(spec.bounds), "phases": tuple(phases)})
     return valid_spec(edited, f"without {', '.join(muscles)}")
+
+
+def refined_spec(spec: ProblemSpec, phases: Collection[int]) -> ProblemSpec | None:
+    """The problem with twice as many time steps in some phases (from 0), the new ones free.
+
+    None if that is more than a problem file may have.
+    """
+    parts = tuple(
+        phase.model_copy(update={"free_steps": 2 * phase.free_steps + 1}) if n in phases else phase
+        for n, phase in enumerate(spec.phases)
+    )
+    try:
+        return valid_spec(spec.model_copy(update={"phases": parts}), "free_steps")
+    except InputError:
+        return None
 
 
 def held_head_spec(spec: ProblemSpec, angle: int) -> ProblemSpec:
