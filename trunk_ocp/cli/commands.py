@@ -17,6 +17,24 @@ from .command_base import Command, LazyGroup
 from .option_types import Number, out_option
 from .safe_streams import standard_output
 
+LAZY_COMMANDS = {
+    "studies": {
+        "compare": "Compare planning step by step, as in the paper, with planning ahead.",
+        "optima": "Look for better local optima than the reported plan, from many starts.",
+        "redundancy": "Show which muscles a finished run needs, and what others could replace.",
+        "survey": "Find how many steps of lookahead suffice under limits on strength and speed.",
+    },
+    "finished_runs": {
+        "convert": "Write a finished run as files for Blender, ParaView and OpenSim.",
+        "explain": "Explain a finished run: why it failed, or what limits it.",
+        "view": "Open the interactive page of a finished run in a browser.",
+    },
+    "export_model": {
+        "export": "Write the trunk model (activations, head, loads to shape) as code.",
+    },
+}
+"""Commands that are imported when they run, and their short help, by module."""
+
 
 @click.command("solve", cls=Command)
 @click.version_option(package_name="trunk_ocp")
@@ -106,37 +124,7 @@ def resume_command(parameters: Mapping[str, Any]) -> str:
     return shlex.join([*words, "--resume"])
 
 
-@click.group(
-    cls=LazyGroup,
-    lazy_commands={
-        "compare": (
-            "studies",
-            "Compare planning step by step, as in the paper, with planning ahead.",
-        ),
-        "convert": (
-            "finished_runs",
-            "Write a finished run as files for Blender, ParaView and OpenSim.",
-        ),
-        "explain": ("finished_runs", "Explain a finished run: why it failed, or what limits it."),
-        "export": (
-            "export_model",
-            "Write the trunk model (activations, head, loads to shape) as code.",
-        ),
-        "optima": (
-            "studies",
-            "Look for better local optima than the reported plan, from many starts.",
-        ),
-        "redundancy": (
-            "studies",
-            "Show which muscles a finished run needs, and what others could replace.",
-        ),
-        "survey": (
-            "studies",
-            "Find how many steps of lookahead suffice under limits on strength and speed.",
-        ),
-        "view": ("finished_runs", "Open the interactive page of a finished run in a browser."),
-    },
-)
+@click.group(cls=LazyGroup, lazy_commands=LAZY_COMMANDS)
 @click.version_option(package_name="trunk_ocp")
 def main() -> None:
     """Plan whole motions of a muscular trunk.

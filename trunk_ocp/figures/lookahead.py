@@ -29,20 +29,29 @@ CURVES = (
 SOLVED = Status.SOLVED.name.lower()
 
 
-def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw costs against lookahead, and four planning methods over time."""
+def draw_foresight(
+    result: Foresight, folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw costs against lookahead, and four planning methods over time.
+
+    Returns the files written.
+    """
     with style.styled():
         return style.save(lookahead_figure(result), folder, "comparison", formats)
 
 
-def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw the result of `survey`: objective and smoothness against lookahead, for each limit."""
+def draw_survey(
+    data: Mapping[str, Any], folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw the result of `survey_limits`: cost and smoothness against lookahead, by limits."""
     with style.styled():
         return style.save(survey_figure(data), folder, f"foresight-{data['problem']}", formats)
 
 
-def draw_front(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw the result of `front`: tracking against smoothness, blind and with a horizon."""
+def draw_front(
+    data: Mapping[str, Any], folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw the result of `smoothness_tradeoff`: tracking against smoothness."""
     with style.styled():
         return style.save(front_figure(data), folder, f"front-{data['problem']}", formats)
 
