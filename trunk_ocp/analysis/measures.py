@@ -11,6 +11,7 @@ from .._support.arguments import check_arguments
 from ..nlp.window import Weights
 from ..planning.active_bounds import touching
 from ..planning.plan import Plan
+from .reached_bounds import change_excess
 
 REVERSAL = 0.1
 """Distance an activation must move before and after a turn for it to count as a reversal."""
@@ -110,11 +111,6 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
     directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
     change = np.diff(plan.trajectory, axis=0)
-    steps = plan.motion.steps[: len(plan.x)]
-    excess = [
-        np.maximum(step.change.lower - dx, dx - step.change.upper).max()
-        for step, dx in zip(steps, change, strict=True)
-    ]
     effort, rate = float(np.sum(plan.activations**2)), plan.squared_rate
     tracking = plan.objective.tracking
     return Measures(
@@ -133,7 +129,7 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
         time_at_bound=time_at_bounds(plan),
         saturated_muscles=int(touching(plan)[0][:, :-2].any(axis=0).sum()),
         head_travel=float(np.abs(change[:, -2:]).sum()),
-        change_excess=max(0.0, float(max(excess, default=0.0))),
+        change_excess=max(0.0, change_excess(plan)),
         iterations=plan.iterations,
         seconds=plan.total_seconds,
     )

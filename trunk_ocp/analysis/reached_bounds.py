@@ -62,9 +62,7 @@ def _side(value: float, lower: float, upper: float) -> int:
 
 
 def change_excess(plan: Plan) -> float:
-    """Largest excess over the horizon's bounds on change; negative if all hold."""
-    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
-    return max(
-        float(np.maximum(step.change.lower - dx, dx - step.change.upper).max())
-        for step, dx in zip(plan.motion.steps, np.diff(x, axis=0), strict=False)
-    )
+    """Largest excess over the horizon's bounds on change; negative if all hold by a margin."""
+    changes = zip(plan.motion.steps, np.diff(plan.trajectory, axis=0), strict=False)
+    excesses = (np.maximum(s.change.lower - dx, dx - s.change.upper).max() for s, dx in changes)
+    return float(max(excesses, default=0.0))

@@ -44,7 +44,7 @@ def _points(
     callback=_points,
     help="Points in m from the base.  [default: the tip]",
 )
-@click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Target format.")
+@click.option("--to", metavar=f"[{'|'.join(FORMATS)}]", required=True, help="Target format.")
 @out_option("Folder for the files.  [default: export/NAME-FORMAT]")
 @click.option("--second", is_flag=True, help="Add second derivatives along a direction.")
 @click.option(

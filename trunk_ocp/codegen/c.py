@@ -22,10 +22,8 @@ from .escaping import c_literal
 from .headers import header, template
 from .request import Request
 from .rod_space_axes import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
-from .run_checks import in_a_copy, run, tool
+from .run_checks import run_c
 from .shape_model import DEGREE, Model
-
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 
 
 def write_c(request: Request) -> dict[str, str | bytes]:
@@ -46,20 +44,8 @@ def write_c(request: Request) -> dict[str, str | bytes]:
 
 
 def check_c(folder: Path) -> str:
-    """Compile and run the self-check of an export; returns its output.
-
-    Raises
-    ------
-    ToolMissingError
-        If there is no C compiler.
-    CheckError
-        If the program does not compile, or does not reproduce the check files.
-    """
-    compiler = tool("cc", "a C compiler", "apt-get install gcc")
-    with in_a_copy(folder) as copy:
-        sources = ["trunk.c", "check.c", "-lm", "-o", "check"]
-        run([compiler, *STRICT, "-O2", *sources], copy)
-        return run([str(copy / "check")], copy)
+    """Compile and run the self-check of an export; returns its output, and raises as `run_c`."""
+    return run_c(folder, "trunk.c")
 
 
 def _template(name: str) -> str:

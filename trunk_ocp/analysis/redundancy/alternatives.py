@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
+from ..._support.wording import suggestion
 from ...errors import InputError
 from ...planning.plan import Plan
 from .activation_sets import LP_TOL, ActivationSet, shape_preserving_sets
@@ -115,7 +116,8 @@ def _indices(plan: Plan, names: Collection[str]) -> np.ndarray:
     known = plan.motion.trunk.muscles
     for name in names:
         if name not in known:
-            raise InputError(f"{name}: no such muscle; expected one of {', '.join(known)}.")
+            hint = suggestion(name, known)
+            raise InputError(f"{name}: no such muscle; expected one of {', '.join(known)}.{hint}")
     return np.array([known.index(name) for name in names], dtype=int)
 
 
