@@ -127,7 +127,7 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
     monkeypatch.setattr(drawing, "PARTS", drawing.PARTS[-1:])
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), lookahead=1)
     drawn = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
-    assert drawn == drawing.DrawnRun(tmp_path / drawing.PAGE, ())
+    assert drawn == (tmp_path / drawing.PAGE, [])
     assert drawn.page.exists()
     assert (tmp_path / "sequential" / "figures" / "errors.png").exists()
 

@@ -256,11 +256,12 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     from .run_figures import draw_run  # imports matplotlib, which is slow
 
     with console.status("drawing figures; Ctrl-C skips them"):
-        drawn = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
-    for sentence in drawn.failures:
+        folders = [folder / plan_folder(plan) for plan in plans]
+        page, failures = draw_run(plans, folders, folder)
+    for sentence in failures:
         warn(f"{sentence} The plans are saved.")
-    if drawn.page is not None:
-        print_plain(console, f"Interactive page: {drawn.page}")
+    if page is not None:
+        print_plain(console, f"Interactive page: {page}")
 
 
 def _films(plans: list[Plan], folder: Path, console: Console) -> None:

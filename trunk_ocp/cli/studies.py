@@ -18,7 +18,8 @@ from rich.table import Table
 from .._support.atomic_files import write
 from ..analysis.lookahead_study import compare_lookaheads, smoothness_tradeoff, survey_limits
 from ..analysis.multistart import find_optima
-from ..analysis.redundancy import AblationResult, ablate_muscles, analyze_redundancy
+from ..analysis.redundancy.ablation import AblationResult, ablate_muscles
+from ..analysis.redundancy.report import analyze_redundancy
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite

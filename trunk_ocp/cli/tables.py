@@ -17,9 +17,8 @@ from ..analysis.diagnosis import Diagnosis
 from ..analysis.lookahead_study import SUFFICIENT_EXCESS, Foresight
 from ..analysis.measures import DEFINITIONS, plan_measures
 from ..analysis.multistart import SAME_PLAN_TOL, Optima, distance
-from ..analysis.redundancy import Redundancy
 from ..analysis.redundancy.activation_ranges import AT_REST
-from ..analysis.redundancy.report import cost, largest
+from ..analysis.redundancy.report import Redundancy, cost, largest
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
@@ -45,7 +44,9 @@ def step_table(plan: Plan) -> Table:
     planned shape.
     """
     motion = plan.motion
-    table = _table(f"{motion.name}, {plan.mode}", COLUMNS, _caption(plan), dense=True)
+    cost = f"J = {plan.objective.paper:.3g}, {plan.iterations} iterations"
+    caption = f"{cost}, {plan.total_seconds:.1f} s"
+    table = _table(f"{motion.name}, {plan.mode}", COLUMNS, caption, dense=True)
     table.columns[COLUMNS.index("phase")].max_width = MAX_PHASE_WIDTH
     for t in _rows(plan):
         step, errors = motion.steps[t], plan.errors[t]
@@ -79,12 +80,6 @@ def _table(
     for name in names:
         table.add_column(name, justify="left" if name in WORDS else "right", no_wrap=dense)
     return table
-
-
-def _caption(plan: Plan) -> str:
-    return (
-        f"J = {plan.objective.paper:.3g}, {plan.iterations} iterations, {plan.total_seconds:.1f} s"
-    )
 
 
 def _rows(plan: Plan) -> Sequence[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -184,17 +184,17 @@ def build_request(
     """Request with the validated arguments of `export`."""
     form = _format(to)
     motion = subject if isinstance(subject, Motion) else None
-    _check_options(form, what, at, second, muscle, motion)
     trunk = subject.trunk if isinstance(subject, Motion) else subject
     gravity = motion.gravity if motion else Loads().gravity
     contact = contact_from if contact_from is not None or not motion else motion.contact_from
     if contact is not None:
         check_contact(trunk, contact)
     model = build_model(trunk, at, Loads(gravity, contact_from=contact), elements)
-    if what != "constraints" and to in _SHAPES:
-        model = resolved(model)
     name = motion.name if motion else trunk.name
-    return Request(model, what, name, second, muscle, motion)
+    request = Request(model, what, name, second, muscle, motion)
+    _check_options(request, form, at)
+    shapes = what != "constraints" and to in _SHAPES
+    return replace(request, model=resolved(model)) if shapes else request
 
 
 def _format(to: str) -> Format:
@@ -205,15 +205,9 @@ def _format(to: str) -> Format:
     return FORMATS[to]
 
 
-def _check_options(
-    form: Format,
-    what: str,
-    at: Sequence[float],
-    second: bool,
-    muscle: str | None,
-    motion: Motion | None,
-) -> None:
+def _check_options(request: Request, form: Format, at: Sequence[float]) -> None:
     """Raise InputError for options that do not fit together."""
+    what, muscle, motion = request.what, request.muscle, request.motion
     if what not in form.supports:
         others = [name for name, other in FORMATS.items() if what in other.supports]
         raise InputError(
@@ -221,18 +215,15 @@ def _check_options(
             f"--what {' or '.join(form.supports)}, or --to {', '.join(others) or 'another format'}."
         )
     constraints = what == "constraints"
-    faults = [
-        (constraints and motion is None, "--what constraints: expected a problem, not an anatomy"),
-        (
-            constraints and len(at) > 0,
-            "--at: not for --what constraints, whose points are those of its targets",
-        ),
-        (
-            second and not (what == "jacobian" and form.name in _SHAPES),
-            f"--second: expected with --what jacobian and --to {', '.join(_SHAPES)}",
-        ),
-        (muscle is not None and not form.formulas, "--muscle: expected with --to sympy or latex"),
-    ]
-    for applies, fault in faults:
+    second_fits = what == "jacobian" and form.name in _SHAPES
+    faults = {
+        "--what constraints: expected a problem, not an anatomy": constraints and not motion,
+        "--at: not for --what constraints, whose points are those of its targets": constraints
+        and len(at) > 0,
+        f"--second: expected with --what jacobian and --to {', '.join(_SHAPES)}": request.second
+        and not second_fits,
+        "--muscle: expected with --to sympy or latex": muscle is not None and not form.formulas,
+    }
+    for fault, applies in faults.items():
         if applies:
             raise InputError(f"{fault}.")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..analysis.redundancy import Redundancy
+from ..analysis.redundancy.report import Redundancy
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
 from ..scene.moments import end_of

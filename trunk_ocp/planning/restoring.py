@@ -156,15 +156,10 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         "interrupted": bool(count(attributes["interrupted"])),
         "late": bool(count(attributes.get("late", 0))),
         "iterations": count(attributes["iterations"]),
-        **{
-            f"{name}_seconds": number(attributes[f"seconds_{key}"])
-            for name, key in (
-                ("setup", "setup"),
-                ("solve", "solve"),
-                ("derivative", "derivatives"),
-                ("total", "total"),
-            )
-        },
+        "setup_seconds": number(attributes["seconds_setup"]),
+        "solve_seconds": number(attributes["seconds_solve"]),
+        "derivative_seconds": number(attributes["seconds_derivatives"]),
+        "total_seconds": number(attributes["seconds_total"]),
         "notes": tuple(words(note) for note in entries(listed["notes"])),
         "solves": tuple(solve_of(record) for record in entries(listed["solves"])),
         "versions": {name: words(text) for name, text in named["versions"].items()},
