@@ -14,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from .command_base import Command, LazyGroup
-from .option_types import Number, out_option
+from .option_types import number_option, out_option
 from .safe_streams import standard_output
 
 LAZY_COMMANDS = {
@@ -46,32 +46,24 @@ LAZY_COMMANDS = {
     show_default=True,
     help="Plan all time steps together as one NLP, one step at a time, or both ways.",
 )
-@click.option(
+@number_option(
     "--lookahead",
-    type=Number("lookahead"),
-    metavar="H",
-    help="Plan H time steps at a time (receding horizon); replaces --mode.",
+    "lookahead",
+    "H",
+    "Plan H time steps at a time (receding horizon); replaces --mode.",
 )
 @out_option("Folder for results.  [default: results/PROBLEM]")
 @click.option(
     "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."
 )
-@click.option(
-    "--max-iterations",
-    type=Number("max_iterations"),
-    metavar="N",
-    default=1000,
-    show_default=True,
-    help="Iteration limit of each solve.",
-)
-@click.option(
+@number_option("--max-iterations", "max_iterations", "N", "Iteration limit of each solve.", 1000)
+@number_option(
     "--starts",
-    type=Number("starts"),
-    default=1,
-    show_default=True,
-    help="Solve the horizon from N initial guesses and keep the best plan: the sequential plan, "
+    "starts",
+    "N",
+    "Solve the horizon from N initial guesses and keep the best plan: the sequential plan, "
     "then the passive trunk, then random ones.",
-    metavar="N",
+    default=1,
 )
 @click.option("--resume", is_flag=True, help="Continue an unfinished run where it stopped.")
 @click.option("--no-figures", is_flag=True, help="Skip the figures and the interactive page.")

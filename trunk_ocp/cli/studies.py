@@ -29,7 +29,7 @@ from ..reporting import Reporter
 from .common import load_run, print_plain
 from .error_messages import warn_on_failure
 from .interrupts import Interrupts
-from .option_types import Number, Numbers, out_option
+from .option_types import Numbers, number_option, out_option
 from .progress import progress_bar
 from .tables import foresight_table, optima_table, redundancy_table, survey_table, version_table
 
@@ -144,11 +144,11 @@ def _with_study(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options that all studies have; the command gets them as a `Study`."""
 
     @out_option("Folder for results.  [default: results/PROBLEM/COMMAND]")
-    @click.option(
+    @number_option(
         "--processes",
-        type=Number("processes"),
-        metavar="N",
-        help="Number of plans to solve in parallel.  [default: one per core]",
+        "processes",
+        "N",
+        "Number of plans to solve in parallel.  [default: one per core]",
     )
     @click.option("--json", "as_json", is_flag=True, help="Print only the results, as JSON.")
     @wraps(function)
@@ -165,17 +165,9 @@ def _with_study(function: Callable[..., None]) -> Callable[..., None]:
 
 @click.command("compare")
 @click.argument("problem", default="pick-fruit")
-@click.option(
-    "--max-activation",
-    type=Number("activation limit"),
-    metavar="A",
-    help="Limit every contraction to A.",
-)
-@click.option(
-    "--max-rate",
-    type=Number("rate limit"),
-    metavar="R",
-    help="Limit the rate of change of every activation to R per second.",
+@number_option("--max-activation", "activation limit", "A", "Limit every contraction to A.")
+@number_option(
+    "--max-rate", "rate limit", "R", "Limit the rate of change of every activation to R per second."
 )
 @lookaheads_option
 @no_figures_option
@@ -270,28 +262,14 @@ def survey_command(
 
 @click.command("optima")
 @click.argument("problem", default="pick-fruit")
-@click.option(
+@number_option(
     "--lookahead",
-    type=Number("lookahead"),
-    metavar="H",
-    help="Time steps planned at a time; 1 is sequential.  [default: all]",
+    "lookahead",
+    "H",
+    "Time steps planned at a time; 1 is sequential.  [default: all]",
 )
-@click.option(
-    "--starts",
-    type=Number("random starts"),
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="Number of random starts.",
-)
-@click.option(
-    "--seed",
-    type=Number("seed"),
-    default=0,
-    show_default=True,
-    metavar="S",
-    help="Seed of the random starts.",
-)
+@number_option("--starts", "random starts", "N", "Number of random starts.", default=20)
+@number_option("--seed", "seed", "S", "Seed of the random starts.", default=0)
 @_with_study
 def optima_command(study: Study, lookahead: int | None, starts: int, seed: int) -> None:
     """Look for better local optima than the reported plan, from many starts.

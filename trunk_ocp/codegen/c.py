@@ -32,24 +32,20 @@ def write_c(request: Request) -> dict[str, str | bytes]:
     If `what` is "shape", there are no derivatives of the loaded shape.
     """
     title = _comment(header(request))
-    interface = _template("trunk.h").replace("/* @title@ */", title)
+    interface = template("c/trunk.h").replace("/* @title@ */", title)
     interface = interface.replace("/* @sizes@ */", "\n".join(_sizes(request)))
     files: dict[str, str | bytes] = {
         "trunk.h": interface,
         "trunk.c": title + "\n" + _source(request),
     }
     for name in ("CMakeLists.txt", "example.c", "check.c"):
-        files[name] = _template(name)
+        files[name] = template(f"c/{name}")
     return files
 
 
 def check_c(folder: Path) -> str:
     """Compile and run the self-check of an export; returns its output, and raises as `run_c`."""
     return run_c(folder, "trunk.c")
-
-
-def _template(name: str) -> str:
-    return template(f"c/{name}")
 
 
 def _comment(text: str) -> str:
@@ -90,7 +86,7 @@ def _source(request: Request) -> str:
     if request.second:
         parts.append("second.c")
         kernels += _second_kernels(request.model)
-    text = "\n".join(_template(part) for part in parts)
+    text = "\n".join(template(f"c/{part}") for part in parts)
     text = text.replace("/* @tables@ */", "\n".join(_tables(request.model)))
     return text.replace("/* @kernels@ */", "\n".join(kernels))
 

@@ -60,9 +60,8 @@ def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
     height = 112.0
     figure = style.new_figure(height)
-    style.headline(
-        figure, f"{style.title(result.motion)}: benefit of lookahead{_limits_title(result)}"
-    )
+    title = f"{style.title(result.motion)}: benefit of lookahead"
+    style.headline(figure, f"{title} ({_limits(result.limits)})")
     panels = figure.subplots(2, 3)
     figure.subplots_adjust(
         left=0.09, right=0.985, top=1 - 18 / height, bottom=10 / height, wspace=0.42, hspace=0.32
@@ -80,14 +79,6 @@ def lookahead_figure(result: Foresight) -> Figure:
     ]  # fmt: skip
     style.legend_below_title(figure, lines, [*marks, *style.phase_patches(result.motion)])
     return figure
-
-
-def _limits_title(result: Foresight) -> str:
-    """The limits as text for a title."""
-    activation, rate = result.limits["activation"], result.limits["rate"]
-    words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
-    words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
-    return f" ({', '.join(words)})" if words else ""
 
 
 def _methods(result: Foresight) -> dict[str, tuple[Plan, str]]:
@@ -179,7 +170,7 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
         for axes, values in ((left, excess), (right, variation)):
             axes.plot(lookaheads, values, color=color, zorder=3)
             _marks(axes, lookaheads, values, statuses, color)
-        label = _limits_label(cell["limits"])
+        label = _limits(cell["limits"])
         handles.append(Line2D([], [], color=color, marker="o", markersize=3, label=label))
     left.axhline(1.0, **style.BOUND)
     left.set_yscale("symlog", linthresh=1.0)
@@ -195,9 +186,11 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _limits_label(limits: Mapping[str, float | None]) -> str:
-    words = [f"|act.| $\\leq$ {limits['activation']:g}"] if limits["activation"] else []
-    words += [f"rate $\\leq$ {limits['rate']:g}/s"] if limits["rate"] else []
+def _limits(limits: Mapping[str, float | None]) -> str:
+    """Limits on strength and speed in words."""
+    activation, rate = limits["activation"], limits["rate"]
+    words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
+    words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
     return ", ".join(words) or "own bounds"
 
 
