@@ -189,10 +189,7 @@ class Foresight:
 def definitions() -> dict[str, dict[str, str]]:
     """Unit and meaning of every number of this module."""
     limits = {
-        "limits.activation": (
-            "",
-            "largest |gamma| of any muscle; null: the motion's own limit",
-        ),
+        "limits.activation": ("", "largest |gamma| of any muscle; null: the motion's own limit"),
         "limits.rate": ("1/s", "largest change of any activation per second, over each time step"),
         "sufficient_lookahead": (
             "time steps",

@@ -56,11 +56,7 @@ def _body(text: str) -> str:
 
 
 def _kernels(request: Request) -> list[ca.Function]:
-    moving = [
-        kernels.base(request.model.trunk.head),
-        kernels.rates(),
-        kernels.report(),
-    ]
+    moving = [kernels.base(request.model.trunk.head), kernels.rates(), kernels.report()]
     closed = [kernels.turn(), kernels.spiral()]
     second = [kernels.second_along(kernel) for kernel in moving] if request.second else []
     return [*(kernels.with_slopes(kernel) for kernel in moving + closed), *second]

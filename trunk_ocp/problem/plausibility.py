@@ -132,11 +132,7 @@ def _radians(values: Iterable[float]) -> str:
 def _of_problem(motion: Motion) -> Iterator[Finding]:
     spec = motion.spec
     if spec.gravity < 0:
-        yield (
-            "gravity",
-            spec.gravity,
-            "pulls upwards; +Z points down, so weight is positive",
-        )
+        yield "gravity", spec.gravity, "pulls upwards; +Z points down, so weight is positive"
     if abs(spec.gravity) > 100:
         unit, factor = ("cm", 1e-2) if abs(spec.gravity) < 3000 else ("mm", 1e-3)
         text = f"looks like {unit}/s^2; write {factor * spec.gravity:g} for m/s^2"

@@ -127,16 +127,13 @@ def _chosen(plan: Plan, choose: Callable[[ActivationSet], np.ndarray | None]) ->
     for region in shape_preserving_sets(plan, joint=True):
         z = choose(region)
         if z is None:
+            segment = plan.motion.trunk.subdomains[int(region.muscles[0])].segment + 1
             raise InputError(
-                f"{plan.motion.name}: segment {_segment(plan, region)} cannot keep its shapes "
-                "without these muscles; switch off fewer."
+                f"{plan.motion.name}: segment {segment} cannot keep its shapes without these "
+                "muscles; switch off fewer."
             )
         x[region.where] = region.table(z)
     return replace(plan, x=x)
-
-
-def _segment(plan: Plan, region: ActivationSet) -> int:
-    return plan.motion.trunk.subdomains[int(region.muscles[0])].segment + 1
 
 
 def _least(plan: Plan, region: ActivationSet, rate: float = 0.0) -> np.ndarray | None:
