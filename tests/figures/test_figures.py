@@ -32,7 +32,7 @@ from trunk_ocp.figures import (
     shapes,
     style,
 )
-from trunk_ocp.figures.projection import VIEWS, ball, cylinder, toward
+from trunk_ocp.figures.projection import ABOVE, VIEWS, ball, cylinder
 from trunk_ocp.model.head import base_pose
 from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.plan import Status
@@ -317,7 +317,7 @@ def test_space_is_drawn_with_equal_scales_and_down_is_down():
 
 
 def test_views_are_right_handed_and_bodies_closed():
-    for view in (*VIEWS, toward("above", (0.0, 0.0, -1.0), below=(0.0, 1.0, 0.0))):
+    for view in (*VIEWS, ABOVE):
         right = -view.across if view.mirrored else view.across
         np.testing.assert_allclose(np.cross(right, -view.down), view.out, rtol=0, atol=1e-12)
     for facets in (cylinder(np.ones(3), 0.1, 0.5), ball(np.ones(3), 0.2)):

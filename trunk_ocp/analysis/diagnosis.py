@@ -237,7 +237,7 @@ def _cause(plan: Plan) -> str:
     if _pointed(trunk):
         tip = float(trunk.radius(trunk.length))
         return (
-            f"The trunk ends almost in a point, of radius {tip:.2g} m, which bends without limit: "
+            f"The trunk ends almost in a point, of radius {rounded(tip)} m, which bends without limit: "
             "reduce taper_deg in its anatomy."
         )
     return "Loads or stiffness have an implausible size: check forces in N, moduli in Pa."
@@ -351,7 +351,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     most = check.max_position_difference
     if not check.too_coarse and (worst > most / 2 or turn > MAX_TURN / 2):
         details = (
-            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * most:.3g} allowed",
+            f"{rounded(1e3 * worst, 3)} mm from the integrated shape, {1e3 * most:.3g} allowed",
             f"directors {turn:.2g} from the integrated ones, {MAX_TURN:g} allowed",
         )
         yield Finding("warning", "the mesh is barely fine enough", details)

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from .._support.wording import rounded
 from ..analysis.diagnosis import Diagnosis
 from ..analysis.lookahead_study import SUFFICIENT_EXCESS, Foresight
 from ..analysis.measures import DEFINITIONS, plan_measures
@@ -24,7 +25,7 @@ from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
 from ..planning.plan import Plan, Status
 from ..planning.verification import BOUND_TOL
-from ..problem.mirror import mirrored_unknowns
+from ..problem.mirror import mirrored_controls
 
 COLUMNS = (
     "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
@@ -169,7 +170,7 @@ def foresight_table(result: Foresight) -> Group:
             _short_status(m.status),
             f"{m.planner_objective / best_cost:.3f}" if best_cost else "-",
             f"{m.paper_objective:.3g}",
-            f"{1e3 * m.worst_position_error:.3g}",
+            rounded(1e3 * m.worst_position_error, 3),
             f"{m.worst_direction_error:.3g}",
             f"{m.seconds:.1f}",
         )
@@ -236,7 +237,7 @@ def survey_table(data: dict[str, Any]) -> Table:
         best = cell["best"]
         row = ["-" if limit is None else f"{limit:g}" for limit in cell["limits"].values()]
         for plan in (cell["lookaheads"]["1"], cell["blind_from_best"], best):
-            row += [_short_status(plan["status"]), f"{1e3 * plan['worst_position_error']:.3g}"]
+            row += [_short_status(plan["status"]), rounded(1e3 * plan["worst_position_error"], 3)]
             if plan is not best:
                 row.append(f"{plan['planner_objective'] / best['planner_objective']:.3f}")
         table.add_row(*row, str(cell["sufficient_lookahead"] or "-"))
@@ -262,7 +263,7 @@ def optima_table(optima: Optima) -> Table:
         table.add_row(
             f"{m.planner_objective:.6g}",
             f"{m.paper_objective:.4g}",
-            f"{1e3 * m.worst_position_error:.4g}",
+            rounded(1e3 * m.worst_position_error, 4),
             f"{distance(optimum.plan.x, best.x):.3g}",
             _short_status(m.status),
             some + (f"; mirror image of row {mirrored}" if mirrored else ""),
@@ -276,7 +277,7 @@ def _mirrored_row(plan: Plan, optima: Optima) -> int:
         if optimum.plan is plan:
             return 0
         with suppress(InputError):  # a trunk without left-right symmetry
-            image = mirrored_unknowns(plan.motion.trunk, optimum.plan.x)
+            image = mirrored_controls(plan.motion.trunk, optimum.plan.x)
             if distance(image, plan.x) <= SAME_PLAN_TOL:
                 return row
     return 0

@@ -51,6 +51,7 @@ def toward(name: str, eye: Sequence[float], below: Sequence[float] = (0.0, 0.0, 
 _X, _Y, _Z = np.eye(3)
 SIDE = View("side", _X, _Z, _Y, ("X, forward (m)", "Z, down (m)"))
 FRONT = View("front", _Y, _Z, _X, ("Y, to the right (m)", "Z, down (m)"), mirrored=True)
+ABOVE = View("above", _X, _Y, -_Z, None)
 QUARTER = toward("three-quarter", (0.9, 0.8, -0.4))
 VIEWS = (SIDE, FRONT, QUARTER)
 
