@@ -237,8 +237,8 @@ def _cause(plan: Plan) -> str:
     if _pointed(trunk):
         tip = float(trunk.radius(trunk.length))
         return (
-            f"The trunk ends almost in a point, of radius {rounded(tip)} m, which bends without limit: "
-            "reduce taper_deg in its anatomy."
+            f"The trunk ends almost in a point, of radius {rounded(tip)} m, which bends without "
+            "limit: reduce taper_deg in its anatomy."
         )
     return "Loads or stiffness have an implausible size: check forces in N, moduli in Pa."
 

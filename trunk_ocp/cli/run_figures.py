@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ def draw_run(
     jobs: dict[str, Job[Any]] = {"the page": (write_page, ([p for p, _ in pairs], folder / PAGE))}
     for draw in PARTS:
         for plan, place in pairs:
-            jobs[f"the {plan.mode} plan's {_subject(draw)}"] = (
+            jobs[f"the {plan.mode} plan's {draw.__name__.removeprefix('draw_')}"] = (
                 draw,
                 (plan, place / "figures", FORMATS),
             )
@@ -55,11 +55,6 @@ def draw_run(
     except TrunkError as error:
         failures.append(_failure(", ".join(name for name in names if name in unfinished), error))
     return page, failures
-
-
-def _subject(draw: Callable[..., Any]) -> str:
-    """What a function draws: `draw_shapes` draws shapes."""
-    return draw.__name__.removeprefix("draw_")
 
 
 def _failure(subject: str, error: BaseException) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -72,13 +71,17 @@ def lookahead_figure(result: Foresight) -> Figure:
     methods = _methods(result)
     _over_time(list(panels[1]), list(methods.values()))
     lines = [Line2D([], [], color=color, label=name) for name, (_, color) in methods.items()]
-    marks: list[Artist] = [
+    style.legend_below_title(figure, lines, [*_mark_keys(), *style.phase_patches(result.motion)])
+    return figure
+
+
+def _mark_keys() -> list[Line2D]:
+    """Legend entries for the circles of `_marks`."""
+    return [
         Line2D([], [], color=style.INK, marker="o", markersize=3, label="all targets reached"),
         Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
                label="some target missed, or not solved"),
     ]  # fmt: skip
-    style.legend_below_title(figure, lines, [*marks, *style.phase_patches(result.motion)])
-    return figure
 
 
 def _methods(result: Foresight) -> dict[str, tuple[Plan, str]]:
@@ -97,7 +100,8 @@ def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
     measured = [result.measures[f"lookahead {H}"] for H in lookaheads]
     values = [float(getattr(measures, name)) for measures in measured]
     axes.plot(lookaheads, values, color=style.INK, zorder=3, gid=name)
-    _marks(axes, lookaheads, values, [measures.status for measures in measured])
+    statuses = [measures.status for measures in measured]
+    _marks(axes, zip(lookaheads, values, statuses, strict=True))
     for method, color in (("paper", PAPER), ("paper, same cost", COSTED)):
         value = float(getattr(result.measures[method], name))
         axes.axhline(value, color=color, zorder=2, gid=method)
@@ -109,15 +113,9 @@ def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
 
 
-def _marks(
-    axes: Axes,
-    lookaheads: Sequence[int],
-    values: Sequence[float],
-    statuses: Sequence[str],
-    color: Any = style.INK,
-) -> None:
-    """A filled circle where all targets are reached, an open one elsewhere."""
-    for H, value, status in zip(lookaheads, values, statuses, strict=True):
+def _marks(axes: Axes, points: Iterable[tuple[int, float, str]], color: Any = style.INK) -> None:
+    """A filled circle at each lookahead and value whose status is solved, an open one elsewhere."""
+    for H, value, status in points:
         face = color if status == SOLVED else "white"
         axes.plot(H, value, "o", color=color, markerfacecolor=face, markersize=3, zorder=4)
 
@@ -159,7 +157,7 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
         left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
     )
     colors = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
-    handles: list[Artist] = []
+    handles: list[Line2D] = []
     for cell, color in zip(cells, colors, strict=False):
         plans = cell["lookaheads"]
         lookaheads = [int(H) for H in plans]
@@ -169,7 +167,7 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
         variation = [plan["total_variation"] for plan in plans.values()]
         for axes, values in ((left, excess), (right, variation)):
             axes.plot(lookaheads, values, color=color, zorder=3)
-            _marks(axes, lookaheads, values, statuses, color)
+            _marks(axes, zip(lookaheads, values, statuses, strict=True), color)
         label = _limits(cell["limits"])
         handles.append(Line2D([], [], color=color, marker="o", markersize=3, label=label))
     left.axhline(1.0, **style.BOUND)
@@ -182,6 +180,8 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("lookahead (time steps)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    best = Line2D([], [], **style.BOUND, label="1 % over the best horizon")
+    handles += [best, *_mark_keys()]
     figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.735, 0.5))
     return figure
 

@@ -231,8 +231,8 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
                 f"{where}.path",
                 f"{len(points)} points",
                 "these are Bezier control points, of which the curve meets only the first and the "
-                f"last; it misses others by up to {rounded(away)} m; for way points write through = "
-                "[...] in place of path",
+                f"last; it misses others by up to {rounded(away)} m; for way points write through "
+                "= [...] in place of path",
             )
     if place.through is not None:
         times, _ = way_points(place.through, phase)
