@@ -515,7 +515,7 @@ def test_a_plan_cut_short_has_no_ranges():
 
 
 def test_an_unknown_muscle_is_named():
-    with pytest.raises(InputError, match="R9-dl: no such muscle"):
+    with pytest.raises(InputError, match=r"R9-dl: no such muscle.*Did you mean R3-dl\?"):
         can_be_off(lift(), ("R9-dl",))
 
 
