@@ -126,9 +126,9 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
     monkeypatch.setattr("multiprocessing.context.SpawnContext.Lock", no_lock)
     monkeypatch.setattr(drawing, "PARTS", drawing.PARTS[-1:])
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), lookahead=1)
-    drawn = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
-    assert drawn == drawing.DrawnRun(tmp_path / drawing.PAGE, ())
-    assert drawn.page.exists()
+    page, failures = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
+    assert (page, failures) == (tmp_path / drawing.PAGE, [])
+    assert page.exists()
     assert (tmp_path / "sequential" / "figures" / "errors.png").exists()
 
 
