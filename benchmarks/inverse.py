@@ -111,7 +111,7 @@ def horizon_nlp(motion: str, way: str, budget: float = 60.0) -> dict[str, Any]:
     result = solver(x0=start, p=window.parameters, **window.bounds)
     return solver_figures(solver.stats(), start_seconds, setup) | {
         "objective": float(result["f"]),
-        "J": paper_objective(loaded, window.unknowns_of(np.asarray(result["x"]).ravel())),
+        "J": paper_objective(loaded, window.controls_of(np.asarray(result["x"]).ravel())),
         "unknowns": window.nlp.size[0],
         "constraints": window.nlp.size[1],
     }

@@ -34,6 +34,7 @@ from trunk_ocp.scene.colors import group_colors
 HEAD_ANGLE = np.radians(25.0)
 CONTRACTION = -1.0
 SECTIONS = 24
+THIN = 0.15  # of the base radius; names do not fit into thinner muscles
 SEGMENT_COLORS = ("#8796A5", "#AAB5C0", "#8796A5")
 GHOST, ARROW, HEAD, CORE = "#E3E8EC", "#CC0055", "#F1EDE4", "#F4F4F4"
 HEIGHT = 112.0  # mm
@@ -170,14 +171,22 @@ def _section_panel(axes: Axes, trunk: Trunk) -> None:
     """Cross-section at the base with the names of the muscle groups."""
     draw_section(axes, trunk, 0)
     to_cm = 100 * float(trunk.taper(0.0))
+    reach, corners = 103 * trunk.base_radius, iter((1, -1))
     for number, muscle in enumerate(trunk.subdomains):
         if muscle.segment == 0 and muscle.side == "R":
             share = 0.82 if number % 2 else 0.55  # neighbors' names would overlap at one angle
             Theta = np.dot(muscle.sector, (1 - share, share))
-            radius = sum(muscle.radii) / 2
+            radius, look = sum(muscle.radii) / 2, {"fontsize": 5.5, "fontweight": "bold"}
             place = to_cm * radius * np.array([np.sin(Theta), np.cos(Theta)])
-            _write(axes, place, muscle.group, color="white", fontsize=5.0, ha="center", va="center",
-                      fontweight="bold")  # fmt: skip
+            if np.diff(muscle.radii)[0] > THIN * trunk.base_radius:
+                _write(axes, place, muscle.group, color="white", ha="center", va="center", **look)
+            else:  # outside, in a corner, with a line to the muscle on that side
+                side, color = next(corners), group_colors(trunk)[muscle.group]
+                axes.annotate(
+                    muscle.group, (side * place[0], place[1]), (side * reach, -reach),
+                    ha="right" if side > 0 else "left", va="bottom", color=color, **look,
+                    arrowprops={"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0},
+                )  # fmt: skip
     axes.set_title("Cross-section\nseen from the base", fontweight="bold")
     axes.set_ylabel("$d_1$, dorsal (cm)")
 

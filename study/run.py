@@ -31,7 +31,8 @@ from trunk_ocp.analysis.lookahead_study import (
     survey_limits,
 )
 from trunk_ocp.analysis.multistart import find_optima
-from trunk_ocp.analysis.redundancy import ablate_muscles, analyze_redundancy
+from trunk_ocp.analysis.redundancy.ablation import ablate_muscles
+from trunk_ocp.analysis.redundancy.report import analyze_redundancy
 from trunk_ocp.figures import draw_foresight, draw_front, draw_survey
 from trunk_ocp.figures.redundancy import draw_redundancy
 from trunk_ocp.planning.active_bounds import touching

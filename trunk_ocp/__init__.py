@@ -142,7 +142,12 @@ def __getattr__(name: str) -> Any:
     current = _OLD_NAMES.get(name, name)
     if current not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOME[current]}", __name__), current)
+    from ._support.deferred_signals import deferred_interrupts
+
+    # Ctrl-C waits: an import that it cuts short may leave NumPy or CasADi unusable, and Python
+    # ends with SIGINT if it came during an `exec`, as in dataclasses, although it was caught.
+    with deferred_interrupts():
+        value = getattr(import_module(f".{_HOME[current]}", __name__), current)
     globals()[name] = value
     return value
 

@@ -20,7 +20,7 @@ from trunk_ocp.reporting import Progress, Reporter
 
 from .answers import wrongs
 
-READING = 2.0
+READING = 1.0
 """Seconds of processor time that reading a file may take; a passive trunk may have to be found."""
 PLANNING = 30.0
 """Seconds after which a plan is stopped."""

@@ -126,9 +126,9 @@ def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch
     monkeypatch.setattr("multiprocessing.context.SpawnContext.Lock", no_lock)
     monkeypatch.setattr(drawing, "PARTS", drawing.PARTS[-1:])
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), lookahead=1)
-    drawn = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
-    assert drawn == drawing.DrawnRun(tmp_path / drawing.PAGE, ())
-    assert drawn.page.exists()
+    page, failures = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
+    assert (page, failures) == (tmp_path / drawing.PAGE, [])
+    assert page.exists()
     assert (tmp_path / "sequential" / "figures" / "errors.png").exists()
 
 
@@ -162,6 +162,44 @@ def dying(number, reporter):
 def test_a_process_ended_from_outside_is_named_with_a_way_out():
     with pytest.raises(TrunkError, match="processes=1"):
         run_tasks(dying, [(1,), (2,)], 2)
+
+
+DIES_WHILE_SENDING = """
+import os, sys, threading, time
+from trunk_ocp._support.process_pool import run_tasks
+from trunk_ocp.errors import TrunkError
+
+def exit_in_the_middle(thread):
+    while True:
+        frame = sys._current_frames()[thread]
+        while frame is not None:
+            if frame.f_code.co_name == "_send" and len(frame.f_locals["buf"]) > 10**6:
+                time.sleep(0.005)
+                os._exit(9)
+            frame = frame.f_back
+
+def large(number, reporter):
+    if number == 1:
+        main = threading.main_thread().ident
+        threading.Thread(target=exit_in_the_middle, args=(main,), daemon=True).start()
+    return bytes(10**8)
+
+if __name__ == "__main__":
+    try:
+        run_tasks(large, [(1,), (2,)], 2)
+    except TrunkError as error:
+        print(error)
+"""
+
+
+def test_a_process_killed_while_it_sends_its_result_is_noticed(tmp_path):
+    """Its half of the result would be waited for without end, also when Python ends."""
+    (tmp_path / "script.py").write_text(DIES_WHILE_SENDING)
+    words = [sys.executable, "script.py"]
+    ended = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert "processes=1" in ended.stdout
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode == 0
 
 
 # --- how many ------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from trunk_ocp.analysis.free_choices import one_sided
 from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.build import load_motion
-from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion, mirrored_unknowns
+from trunk_ocp.problem.mirror import is_symmetric, mirrored_controls, mirrored_motion
 from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.problem.problem_file import LoadsSpec
 
@@ -104,7 +104,7 @@ def test_a_plan_that_takes_sides_says_so_and_how_to_mend_it(tmp_path):
 
 def test_the_mirror_image_really_is_as_good(tmp_path):
     plan = leaf(tmp_path)
-    image = plan_from(plan.motion, mirrored_unknowns(plan.motion.trunk, plan.x))
+    image = plan_from(plan.motion, mirrored_controls(plan.motion.trunk, plan.x))
     assert image.head[0, 0] == pytest.approx(-plan.head[0, 0], abs=1e-3)
     assert image.objective.total == pytest.approx(plan.objective.total, rel=1e-4)
 

@@ -23,7 +23,7 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.planning.planner import plan_from, plan_motion
-from trunk_ocp.problem.mirror import mirror_order, mirrored_motion, mirrored_unknowns
+from trunk_ocp.problem.mirror import mirror_order, mirrored_controls, mirrored_motion
 from trunk_ocp.rod.statics import solve_statics
 
 ANGLE = 0.7  # rad, of the rod from +Z
@@ -129,9 +129,9 @@ def test_muscles_swap_sides_and_nothing_else():
         {"R": "L", "L": "R"}[name[0]] + name[1:] for name in trunk.muscles
     ]
     x = np.random.default_rng(0).normal(size=(3, 30))
-    image = mirrored_unknowns(trunk, x)
+    image = mirrored_controls(trunk, x)
     np.testing.assert_array_equal(image[:, 28:], x[:, 28:] * [-1, 1])
-    np.testing.assert_array_equal(mirrored_unknowns(trunk, image), x)
+    np.testing.assert_array_equal(mirrored_controls(trunk, image), x)
 
 
 def test_the_mirrored_trunk_has_the_mirrored_shape():
@@ -141,7 +141,7 @@ def test_the_mirrored_trunk_has_the_mirrored_shape():
     motion = with_phases(motion, loads=loads)
     rng = np.random.default_rng(1)
     x = np.append(-0.4 * rng.random(28), [0.2, -0.1])
-    image = mirrored_unknowns(motion.trunk, x)
+    image = mirrored_controls(motion.trunk, x)
     loads, theirs = motion.steps[4].loads, mirrored_motion(motion).steps[4].loads
     Z = np.linspace(0.1, 1.75, 7)
     a = solve_statics(motion.trunk, x[:28], x[28:], loads)
@@ -156,7 +156,7 @@ def test_the_mirrored_trunk_has_the_mirrored_shape():
 def test_the_mirror_image_of_an_optimum_is_one_of_the_mirrored_motion(name):
     motion = first_steps(name, 2)
     plan = plan_motion(motion)
-    image = mirrored_unknowns(motion.trunk, plan.x)
+    image = mirrored_controls(motion.trunk, plan.x)
     again = plan_from(mirrored_motion(motion), image)
     assert again.converged
     assert again.objective.total == pytest.approx(plan.objective.total, rel=1e-4)

@@ -13,22 +13,16 @@ from plans import planned, soft_rod, written
 from scipy.linalg import null_space
 from scipy.optimize import linprog, lsq_linear
 
-from trunk_ocp.analysis.redundancy import (
-    AblationResult,
-    Redundancy,
-    ablate_muscles,
-    analyze_redundancy,
+from trunk_ocp.analysis.redundancy.ablation import AblationResult, ablate_muscles, motion_without
+from trunk_ocp.analysis.redundancy.activation_ranges import Freedom, feasible_ranges, muscle_freedom
+from trunk_ocp.analysis.redundancy.alternatives import (
     can_be_off,
-    feasible_ranges,
     fewest_muscles,
     least_cost,
     least_effort,
     least_peak,
-    left_right_pairs,
-    motion_without,
-    muscle_freedom,
 )
-from trunk_ocp.analysis.redundancy.activation_ranges import Freedom
+from trunk_ocp.analysis.redundancy.report import Redundancy, analyze_redundancy
 from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import redundancy_table
 from trunk_ocp.errors import InputError
@@ -97,6 +91,14 @@ def lift(mode="horizon"):
 @cache
 def free(mode="horizon"):
     return muscle_freedom(lift(mode))
+
+
+def left_right_pairs(motion):
+    """Muscles grouped with their mirror images: names that differ only in the side."""
+    groups = {}
+    for muscle in motion.trunk.subdomains:
+        groups.setdefault(f"{muscle.segment} {muscle.group}", []).append(muscle.name)
+    return tuple(tuple(names) for names in groups.values())
 
 
 def columns(plan, segment):
@@ -513,7 +515,7 @@ def test_a_plan_cut_short_has_no_ranges():
 
 
 def test_an_unknown_muscle_is_named():
-    with pytest.raises(InputError, match="R9-dl: no such muscle"):
+    with pytest.raises(InputError, match=r"R9-dl: no such muscle.*Did you mean R3-dl\?"):
         can_be_off(lift(), ("R9-dl",))
 
 

@@ -63,7 +63,7 @@ def test_help_is_there_without_importing_anything_large(words):
 
 
 def test_the_list_of_commands_says_what_their_own_help_says():
-    for name, (_, about) in commands.main.lazy_commands.items():
+    for name, about in commands.main.help_texts.items():
         own = " ".join(every_command()[name].help.split())
         assert own.startswith(about.rstrip("."))
 

@@ -237,7 +237,7 @@ def test_another_version_does_not_resume(unfinished, monkeypatch):
     known = checkpoint.versions()
     later = known | {"trunk_ocp": "99.0"}
     monkeypatch.setattr(checkpoint, "versions", lambda: later)
-    told = f'the version changed (trunk_ocp: "{known["trunk_ocp"]}" -> "99.0")'
+    told = f'the versions changed (trunk_ocp: "{known["trunk_ocp"]}" -> "99.0")'
     assert told in refused(unfinished)
 
 

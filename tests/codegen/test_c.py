@@ -9,8 +9,9 @@ import exported
 import numpy as np
 import pytest
 
-from trunk_ocp.codegen.c import STRICT, check_c, write_c
+from trunk_ocp.codegen.c import check_c, write_c
 from trunk_ocp.codegen.request import CheckError, Request, ToolMissingError
+from trunk_ocp.codegen.run_checks import STRICT
 from trunk_ocp.codegen.shape_model import build_model, reference
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.unloaded import unloaded_states

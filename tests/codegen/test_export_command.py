@@ -132,6 +132,14 @@ def test_bad_use_is_told_and_nothing_is_written(tmp_path, arguments, told):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_format_by_another_name_is_suggested(tmp_path):
+    result = export("lift-log", "--to", "C++", "--out", tmp_path)
+    assert result.exit_code == 2
+    assert "Did you mean c?" in result.stderr
+    with pytest.raises(InputError, match=r"Did you mean torch\?"):
+        check_export(tmp_path, "pytorch")
+
+
 def test_what_a_format_does_not_carry_is_told_with_those_that_do():
     result = export("lift-log", "--what", "constraints", "--to", "numpy")
     assert result.exit_code == 2

@@ -99,7 +99,7 @@ def test_packing_and_unpacking_is_the_identity_in_si_units():
     w, x = window("pick-fruit", 0, 3), drawn(3)
     shapes, loads = in_equilibrium(w, x)
     full = w.pack(x, shapes)
-    np.testing.assert_array_equal(w.unknowns_of(full), x)
+    np.testing.assert_array_equal(w.controls_of(full), x)
     np.testing.assert_allclose(w.states_of(full), shapes.states, rtol=1e-12, atol=1e-9)
     forces = [load.tip_force for load in loads]
     np.testing.assert_allclose(w.tip_forces_of(full), forces, rtol=0, atol=1e-9)

@@ -96,7 +96,7 @@ a comma for a point | [0.6, 0.0, 1.2] | [0,6, 0.0, 1.2] | targets[1].position & 
 not a number | gravity = 9.8 | gravity = nan | gravity & nan & finite
 infinity | force = 10.0 | force = inf | phases[2] & force & inf & finite
 name that is no folder | "study" | "my/study" | name & my/study & letters, digits
-unknown muscle | "R1-dl" | "R1-xl" | bounds.muscles & R1-xl & no such muscle & R1-dl
+unknown muscle | "R1-dl" | "R1-xl" | bounds.muscles & R1-xl & no such muscle & Did you mean R1-dl?
 negative duration | duration = 1.0 | duration = -1.0 | phases[1] & duration & -1.0 & greater
 no duration | duration = 1.0 | duration = 0.0 | phases[1] & duration & 0.0 & greater
 no steps | steps = 2 | steps = 0 | phases[2] & steps & 0 & greater than 0

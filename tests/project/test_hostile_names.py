@@ -20,11 +20,11 @@ from programs import needs
 import trunk_ocp as to
 from trunk_ocp.cli import commands
 from trunk_ocp.codegen import escaping
-from trunk_ocp.codegen.c import STRICT
 from trunk_ocp.codegen.formats import FORMATS
 from trunk_ocp.codegen.formulas import check_latex
 from trunk_ocp.codegen.manifest import NAMES
 from trunk_ocp.codegen.request import Request
+from trunk_ocp.codegen.run_checks import STRICT
 from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import style

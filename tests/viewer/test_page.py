@@ -197,7 +197,7 @@ def test_scrubbing_changes_what_is_drawn(visit, pages):
 def test_groups_and_sides_are_shown_and_hidden(visit, pages):
     tab = visit(pages["both"])
     everything = picture(tab)
-    for box, muscle in (("dl", "R1-dl"), ("left (dashed)", "L2-vr")):
+    for box, muscle in (("dl", "R1-dl"), ("left (dotted)", "L2-vr")):
         choice = tab.get_by_role("checkbox", name=box, exact=True)
         choice.uncheck()
         assert picture(tab) != everything

@@ -24,6 +24,7 @@ T = TypeVar("T")
 WHERE_FROM = {
     "Motion": 'load_motion("lift-log") reads one',
     "Trunk": 'load_anatomy("asian-elephant") reads one',
+    "Loads": "Loads(gravity=9.8) makes some",
     "Plan": "plan_motion and load_plan return one",
     "Shape": "solve_statics returns one",
     "PointShapes": "a ShapeMap returns one",
@@ -39,6 +40,8 @@ EXPECTED = {
     np.ndarray: "an array of real numbers",
     Callable: "a function",
 }
+PLURALS = ("Loads", "PointShapes")
+"""Names of classes that stand for several things."""
 ITEMS: dict[Any, str] = {float: "numbers", int: "whole numbers", str: "strings"}
 _hints: Callable[[Any], dict[str, Any]] = cache(
     get_type_hints
@@ -120,10 +123,12 @@ def _expected(kind: Any) -> str:
     if kind in EXPECTED or origin in EXPECTED:
         return EXPECTED.get(kind) or EXPECTED[origin]
     if issubclass(origin, Iterable):
-        items = ITEMS.get(next(iter(get_args(kind)), object))
+        item = next(iter(get_args(kind)), object)
+        name = getattr(item, "__name__", "")
+        items = ITEMS.get(item, name if name in PLURALS else "")
         return f"a sequence of {items}" if items else "a sequence"
-    article = "an" if origin.__name__[0] in "AEIOU" else "a"
-    return f"{article} {origin.__name__}"
+    name = origin.__name__
+    return name if name in PLURALS else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 
 def _fits(value: object, hint: Any) -> bool:

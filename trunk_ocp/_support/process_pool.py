@@ -22,7 +22,7 @@ from contextlib import closing, contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from ..errors import TrunkError
 from ..reporting import Reporter
@@ -38,6 +38,11 @@ DoneCallback = Callable[[int, int], object]
 """Called with the number of finished tasks and of all tasks."""
 POLL_INTERVAL = 0.2  # s between checks whether the user wants to stop
 EXIT_TIMEOUT = 5.0  # s for workers to exit after an interrupt; they take milliseconds
+WORKER_KILLED = (
+    "A worker process was killed, perhaps because memory ran out. With processes=1 "
+    "(--processes 1) everything runs in this process; a script that passes its own "
+    "functions needs if __name__ == '__main__': around its main code."
+)
 CGROUP = Path("/sys/fs/cgroup")
 
 
@@ -136,8 +141,11 @@ def iter_finished(
             completed, _ = wait(pending, POLL_INTERVAL, FIRST_COMPLETED)
             poll()
             for future in completed:
-                _raise_if_broken(future)
+                if isinstance(future.exception(), BrokenProcessPool):
+                    raise TrunkError(WORKER_KILLED) from None
                 yield pending.pop(future), future
+            if not completed and any(not worker.is_alive() for worker in _workers(pool)):
+                raise TrunkError(WORKER_KILLED)  # the pool does not notice if it sent a result
         if pending is not None:
             return
     yield from iter_finished(jobs, 1)
@@ -147,9 +155,14 @@ def _submitted(pool: ProcessPoolExecutor, jobs: Sequence[Job[T]]) -> dict[Future
     """Futures of jobs and their indices; None if no process or thread can be started."""
     with deferred_interrupts(), _script_hidden(jobs), _interrupts_blocked():
         try:
-            return {pool.submit(function, *args): n for n, (function, args) in enumerate(jobs)}
+            futures = {pool.submit(function, *args): n for n, (function, args) in enumerate(jobs)}
         except (OSError, RuntimeError):
             return None
+        # All workers have started. If one is killed while it sends a result, the pool's thread
+        # waits until no process can send the rest; and Python, at its end, waits for the thread.
+        with suppress(AttributeError):  # of another Python
+            cast(Any, pool)._result_queue._writer.close()
+        return futures
 
 
 def _computed(function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
@@ -162,13 +175,9 @@ def _computed(function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[
     return future
 
 
-def _raise_if_broken(future: Future[Any]) -> None:
-    if isinstance(future.exception(), BrokenProcessPool):
-        raise TrunkError(
-            "A worker process was killed, perhaps because memory ran out. With processes=1 "
-            "(--processes 1) everything runs in this process; a script that passes its own "
-            "functions needs if __name__ == '__main__': around its main code."
-        ) from None
+def _workers(pool: ProcessPoolExecutor) -> list[Any]:
+    """Processes of a pool."""
+    return list((getattr(pool, "_processes", None) or {}).values())
 
 
 def may_start() -> bool:
@@ -190,17 +199,19 @@ def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context("spawn")
     reader, writer = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(count, context, _start_worker, (reader,))
-    others = multiprocessing.active_children()
     try:
         yield pool
         pool.shutdown()
     finally:
         writer.close()  # workers that are still busy exit
-        # Once in some hundred interrupts the pool's own thread waits for workers that are gone.
+        workers, thread = _workers(pool), getattr(pool, "_executor_manager_thread", None)
         pool.shutdown(wait=False, cancel_futures=True)
-        for worker in multiprocessing.active_children():
-            if worker not in others:
-                worker.join(EXIT_TIMEOUT)
+        # Python waits for all of these without a limit when it ends.
+        for worker in workers:
+            worker.join(EXIT_TIMEOUT)
+            worker.kill()  # does nothing if it is gone
+        if thread is not None:
+            thread.join(EXIT_TIMEOUT)
         reader.close()
 
 

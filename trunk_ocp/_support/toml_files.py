@@ -6,7 +6,6 @@ Files are untrusted: whatever they contain, reading ends quickly, with a value o
 from __future__ import annotations
 
 import contextlib
-import difflib
 import json
 import os
 import re
@@ -21,6 +20,7 @@ from annotated_types import Ge, Gt, MaxLen
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError
+from .wording import MAX_WORD, suggestion
 
 MAX_FILE_SIZE = 300_000
 """Bytes: a hundred times a shipped file, yet read in a fraction of a second."""
@@ -28,8 +28,6 @@ SMALLEST_NUMBER, LARGEST_NUMBER = 1e-24, 1e24
 """Magnitudes of nonzero numbers; powers and products of such numbers do not overflow."""
 MAX_FAULTS = 20
 """Faults of one file that are reported."""
-MAX_WORD = 60
-"""Characters of a value that are shown, and of a key that is compared with known ones."""
 MAX_JSON, MAX_PARTS = 2_000_000, 100_000
 """Characters, and commas and brackets, of a problem or an anatomy in JSON: more than any sensible
 file needs, and few enough for the case that every one is at fault."""
@@ -213,7 +211,7 @@ def shipped(name_or_path: str, *folders: Path) -> Path:
     raise InputError(
         f"{_clean(name_or_path)}: neither a file nor a shipped name; "
         f"expected a path to a TOML file or one of {', '.join(shipped_files)}."
-        f"{_suggestion(name_or_path, [*shipped_files])}"
+        f"{suggestion(name_or_path, shipped_files)}"
     )
 
 
@@ -260,7 +258,7 @@ def _describe(fault: Any, model: type[BaseModel]) -> str:
     key = _dotted(fault["loc"])
     if fault["type"] == "extra_forbidden":
         known = _known_keys(model, fault["loc"])
-        hint = _suggestion(str(fault["loc"][-1]), known) or f" Known here: {', '.join(known)}."
+        hint = suggestion(str(fault["loc"][-1]), known) or f" Known here: {', '.join(known)}."
         return f"{key}: unknown key.{hint}"
     if fault["type"] == "missing":
         if isinstance(fault["loc"][-1], int):
@@ -314,11 +312,6 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [m for arg in getattr(annotation, "__args__", ()) for m in _models_in(arg)]
-
-
-def _suggestion(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word[:MAX_WORD], known, n=1)
-    return f" Did you mean {close[0]}?" if close else ""
 
 
 def _short(value: object) -> str:

@@ -1,14 +1,25 @@
-"""Numbers in sentences."""
+"""Numbers and suggestions in sentences."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+from collections.abc import Iterable, Sequence
+
+MAX_WORD = 60
+"""Characters of a word that is compared with known ones."""
 
 
 def rounded(value: float, digits: int = 2) -> str:
     """A number to some digits, without exponent below a million: 180, not 1.8e+02."""
     short = f"{value:.{digits}g}"
     return f"{float(short):g}" if abs(value) < 1e6 else short
+
+
+def suggestion(word: str, known: Iterable[str], similarity: float = 0.6) -> str:
+    """A question with the known word that is most similar, " Did you mean R1-dl?", or ""."""
+    names = {name.lower(): name for name in known}
+    close = difflib.get_close_matches(word[:MAX_WORD].lower(), names, 1, similarity)
+    return f" Did you mean {names[close[0]]}?" if close else ""
 
 
 def step_list(steps: Sequence[int]) -> str:

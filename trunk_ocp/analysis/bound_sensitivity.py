@@ -191,8 +191,8 @@ def _active(x: np.ndarray, lower: np.ndarray, upper: np.ndarray, lam: np.ndarray
 def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
     """Every bound of the problem that is active somewhere in a window."""
     motion = window.motion
-    names = motion.trunk.muscles
-    count, degree = len(names), float(np.degrees(1.0))
+    names, count = (*motion.trunk.muscles, "head psi_Z", "head psi_Y"), len(motion.trunk.muscles)
+    scales = [1.0] * count + [float(np.degrees(1.0))] * 2
     moves: dict[tuple[str, int], _Move] = {}
 
     def add(
@@ -217,13 +217,13 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
             ):
                 continue  # a clamped base has no head to move it
             if i >= count:
-                name, scale = f"head psi_{'ZY'[i - count]}{near}", degree
+                name = f"{names[i]}{near}"
             elif side > 0 and bound == 0:
                 continue  # muscles cannot push, so this bound is not a choice
             else:
                 word = "contraction" if bound <= 0 else "stretch"
-                name, scale = f"{word} of {names[i]}{near}", 1.0
-            add(name, side, step, int(u.x[i]), bound, scale, False)
+                name = f"{word} of {names[i]}{near}"
+            add(name, side, step, int(u.x[i]), bound, scales[i], False)
         for segment, place in enumerate(u.strain[:, 0].tolist()):
             if at_x[place]:
                 side = int(at_x[place])
@@ -236,10 +236,8 @@ def _moves(window: Window, at_x: np.ndarray, at_g: np.ndarray) -> list[_Move]:
         for component, row in enumerate((block.rows - 1).tolist()):
             i, side = block.component(component), int(at_g[row])
             if side:
-                name = names[i] if i < count else f"head psi_{'ZY'[i - count]}"
                 bound = float((change.lower if side < 0 else change.upper)[i])
-                scale = 1.0 if i < count else degree
-                add(f"change of {name}", side, block.step, row, bound, scale, True)
+                add(f"change of {names[i]}", side, block.step, row, bound, scales[i], True)
     return [*moves.values(), *_gap_moves(window, at_g)]
 
 

@@ -134,14 +134,12 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
 
 def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:
     if plan.status is Status.INTERRUPTED:
-        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
         advice = "Resume with --resume; from Python, with Checkpoint(path, resume=True)."
-        yield Finding("failure", f"interrupted; {kept}", (), advice)
+        yield Finding("failure", f"interrupted; {_kept(plan)}", (), advice)
         return
     if plan.status is Status.TIME_LIMIT:
-        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
         advice = "Allow more time, or continue from this plan: plan_motion(motion, start=plan)."
-        yield Finding("failure", f"the deadline passed; {kept}", (), advice)
+        yield Finding("failure", f"the deadline passed; {_kept(plan)}", (), advice)
         return
     if not plan.converged or len(plan.x) < len(plan.motion.steps):
         excesses = contradictions(plan.motion)
@@ -168,12 +166,15 @@ def _failures(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Fin
             )
 
 
+def _kept(plan: Plan) -> str:
+    return f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
+
+
 def _not_converged(plan: Plan, advise: bool) -> Finding:
     """How the failed solve ended, and advice from its residuals."""
     solve = plan.failure
     if solve is None:
-        kept = f"{len(plan.x)} of {len(plan.motion.steps)} time steps are kept"
-        return Finding("failure", f"not converged, for an unrecorded reason; {kept}")
+        return Finding("failure", f"not converged, for an unrecorded reason; {_kept(plan)}")
     meaning = MEANINGS.get(solve.message, solve.message.replace("_", " ").lower())
     what = f"{solve.detail}: {meaning} (after {solve.iterations} iterations)"
     details = [str(violation) for violation in solve.violations]
@@ -240,8 +241,8 @@ def _cause(plan: Plan) -> str:
     if _pointed(trunk):
         tip = float(trunk.radius(trunk.length))
         return (
-            f"The trunk ends almost in a point, of radius {tip:.2g} m, which bends without limit: "
-            "reduce taper_deg in its anatomy."
+            f"The trunk ends almost in a point, of radius {rounded(tip)} m, which bends without "
+            "limit: reduce taper_deg in its anatomy."
         )
     return "Loads or stiffness have an implausible size: check forces in N, moduli in Pa."
 
@@ -388,7 +389,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     most = check.max_position_difference
     if not check.too_coarse and (worst > most / 2 or turn > MAX_TURN / 2):
         details = (
-            f"{1e3 * worst:.3g} mm from the integrated shape, {1e3 * most:.3g} allowed",
+            f"{rounded(1e3 * worst, 3)} mm from the integrated shape, {1e3 * most:.3g} allowed",
             f"directors {turn:.2g} from the integrated ones, {MAX_TURN:g} allowed",
         )
         yield Finding("warning", "the mesh is barely fine enough", details)

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..planning.options import Options
 from ..planning.plan import Plan, Status
 from ..planning.planner import plan_from
-from ..problem.mirror import is_symmetric, mirrored_unknowns
+from ..problem.mirror import is_symmetric, mirrored_controls
 from ..problem.variants import held_head_spec
 from ..reporting import Reporter
 
@@ -32,7 +32,7 @@ def one_sided(plan: Plan) -> str:
     """A sentence if a plan is one-sided although its motion is symmetric, else ""."""
     if not len(plan.x) or not is_symmetric(plan.motion):
         return ""
-    image = mirrored_unknowns(plan.motion.trunk, plan.x)
+    image = mirrored_controls(plan.motion.trunk, plan.x)
     muscles = float(np.abs(image - plan.x)[:, :-2].max(initial=0.0))
     turned = plan.head[np.argmax(np.abs(plan.head[:, 0])), 0]
     if max(muscles, abs(turned)) <= ONE_SIDED_TOL:

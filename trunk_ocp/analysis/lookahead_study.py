@@ -27,7 +27,7 @@ from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..reporting import Reporter
 from .measures import DEFINITIONS, REVERSAL, Measures, plan_measures
-from .study_tasks import JoinedCount, blind_and_horizon, plan_from_start, plan_of, sound
+from .study_tasks import blind_and_horizon, plan_from_start, plan_of, sound
 
 TRACKING_ONLY = Weights(effort=1e-7, rate=0.0)
 """The paper's cost, made well-posed.
@@ -189,10 +189,7 @@ class Foresight:
 def definitions() -> dict[str, dict[str, str]]:
     """Unit and meaning of every number of this module."""
     limits = {
-        "limits.activation": (
-            "",
-            "largest |gamma| of any muscle; null: the motion's own limit",
-        ),
+        "limits.activation": ("", "largest |gamma| of any muscle; null: the motion's own limit"),
         "limits.rate": ("1/s", "largest change of any activation per second, over each time step"),
         "sufficient_lookahead": (
             "time steps",
@@ -331,7 +328,7 @@ def smoothness_tradeoff(
     """
     options, equal = options or Options(), equal_bounds(motion)
     choices = [replace(options, weights=replace(options.weights, rate=w)) for w in weights]
-    tasks = [(equal, None, choice, None) for choice in choices]
+    tasks = [(equal, choice) for choice in choices]
     pairs = run_tasks(blind_and_horizon, tasks, processes, reporter, done)
     return {
         "problem": motion.name,
@@ -364,18 +361,18 @@ def _curves(
             "time steps."
         )
     longer = [H for H in reversed(chosen) if H > 1]  # slowest first
-    total = len(first) + len(motions) * (len(longer) + 1)
-    counts = JoinedCount(done, total)
+    total, report = len(first) + len(motions) * (len(longer) + 1), done or (lambda _, __: None)
     tasks = [*first, *((motion, 1, options, None) for motion in motions)]
-    plans = run_tasks(plan_of, tasks, processes, reporter, counts)
-    blind = plans[len(first) :]
-    counts.begin(len(tasks))
+    plans = run_tasks(plan_of, tasks, processes, reporter, lambda n, _: report(n, total))
+    blind, before = plans[len(first) :], len(plans)
     tasks = [
         (motion, H, options, start)
         for motion, start in zip(motions, blind, strict=True)
         for H in longer
     ]
-    others = iter(run_tasks(plan_of, tasks, processes, reporter, counts))
+    others = iter(
+        run_tasks(plan_of, tasks, processes, reporter, lambda n, _: report(before + n, total))
+    )
     plans_by_H = [{1: start} | {H: next(others) for H in longer} for start in blind]
     horizons = [_best(motion, by_H) for motion, by_H in zip(motions, plans_by_H, strict=True)]
     tasks = [

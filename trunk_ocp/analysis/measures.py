@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
@@ -11,80 +11,72 @@ from .._support.arguments import check_arguments
 from ..nlp.window import Weights
 from ..planning.active_bounds import touching
 from ..planning.plan import Plan
+from .reached_bounds import change_excess
 
 REVERSAL = 0.1
 """Distance an activation must move before and after a turn for it to count as a reversal."""
 
-DEFINITIONS: dict[str, tuple[str, str]] = {
-    "status": ("", "how the plan ended, as in summary.json"),
-    "planner_objective": ("", "what a planner minimizes: tracking + effort + rate, weighted"),
-    "paper_objective": ("", "J of eq. (42), distances not squared, summed over time steps"),
-    "tracking": ("", "weighted squared distances of all targets, summed over time steps"),
-    "worst_position_error": ("m", "largest distance to a target"),
-    "mean_position_error": ("m", "mean distance to a target, over all targets of all steps"),
-    "worst_direction_error": ("", "largest length of the error of a director"),
-    "squared_activation": ("", "sum over muscles and time steps of the squared activations"),
-    "squared_rate": (
-        "1/s",
-        "integral over time of the squared rates of activations and head angles, along straight "
-        "lines between time steps, starting from rest",
-    ),
-    "total_variation": (
-        "",
-        "sum over muscles of the magnitudes of all changes from step to step, without the change "
-        "from rest to step 1",
-    ),
-    "largest_change": (
-        "",
-        "largest change of one activation between two steps, without that from rest to step 1",
-    ),
-    "reversals": (
-        "",
-        f"turns, summed over muscles, before and after which an activation moves by more than "
-        f"{REVERSAL:g}; from step 1 on",
-    ),
-    "time_at_bound": (
-        "s",
-        "time at the bound of contraction, summed over muscles; each step counts for its duration",
-    ),
-    "saturated_muscles": ("", "number of muscles that reach their bound of contraction"),
-    "head_travel": (
-        "rad",
-        "sum of the magnitudes of all changes of both head angles, starting from rest",
-    ),
-    "change_excess": (
-        "",
-        "largest excess over the bounds on change between consecutive steps; a sequential plan "
-        "that follows auxiliary solutions may have one",
-    ),
-    "iterations": ("", "iterations of the optimizer, including those of the starting plan"),
-    "seconds": ("s", "wall time of the plan, including that of the starting plan"),
-}
-"""Unit and meaning of each measure; the unit "" means dimensionless."""
-
 
 @dataclass(frozen=True)
 class Measures:
-    """Measures of one plan; `DEFINITIONS` has units and meanings."""
+    """Measures of one plan: each with its unit, "" if it is dimensionless, and its meaning."""
 
-    status: str
-    planner_objective: float
-    paper_objective: float
-    tracking: float
-    worst_position_error: float
-    mean_position_error: float
-    worst_direction_error: float
-    squared_activation: float
-    squared_rate: float
-    total_variation: float
-    largest_change: float
-    reversals: int
-    time_at_bound: float
-    saturated_muscles: int
-    head_travel: float
-    change_excess: float
-    iterations: int
-    seconds: float
+    status: Annotated[str, "", "how the plan ended, as in summary.json"]
+    planner_objective: Annotated[float, "", "weighted tracking + effort + rate, as minimized"]
+    paper_objective: Annotated[float, "", "J of eq. (42), not squared, summed over time steps"]
+    tracking: Annotated[float, "", "weighted squared distances of all targets of all time steps"]
+    worst_position_error: Annotated[float, "m", "largest distance to a target"]
+    mean_position_error: Annotated[float, "m", "mean distance to a target, over all targets"]
+    worst_direction_error: Annotated[float, "", "largest length of the error of a director"]
+    squared_activation: Annotated[float, "", "sum of squares over muscles and time steps"]
+    squared_rate: Annotated[
+        float,
+        "1/s",
+        "integral over time of the squared rates of activations and head angles, along straight "
+        "lines between time steps, starting from rest",
+    ]
+    total_variation: Annotated[
+        float,
+        "",
+        "sum over muscles of the magnitudes of all changes from step to step, without the change "
+        "from rest to step 1",
+    ]
+    largest_change: Annotated[
+        float,
+        "",
+        "largest change of one activation between two steps, without that from rest to step 1",
+    ]
+    reversals: Annotated[
+        int,
+        "",
+        "turns, summed over muscles, before and after which an activation moves by more than "
+        f"{REVERSAL:g}; from step 1 on",
+    ]
+    time_at_bound: Annotated[
+        float,
+        "s",
+        "time at the bound of contraction, summed over muscles; each step counts for its duration",
+    ]
+    saturated_muscles: Annotated[int, "", "number of muscles that reach their bound of contraction"]
+    head_travel: Annotated[
+        float,
+        "rad",
+        "sum of the magnitudes of all changes of both head angles, starting from rest",
+    ]
+    change_excess: Annotated[
+        float,
+        "",
+        "largest excess over the bounds on change between consecutive steps; a sequential plan "
+        "that follows auxiliary solutions may have one",
+    ]
+    iterations: Annotated[int, "", "of the optimizer, with those of the starting plan"]
+    seconds: Annotated[float, "s", "wall time of the plan, including that of the starting plan"]
+
+
+DEFINITIONS: dict[str, tuple[str, str]] = {
+    name: hint.__metadata__ for name, hint in get_type_hints(Measures, include_extras=True).items()
+}
+"""Unit and meaning of each measure."""
 
 
 @check_arguments
@@ -110,11 +102,6 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
     directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
     change = np.diff(plan.trajectory, axis=0)
-    steps = plan.motion.steps[: len(plan.x)]
-    excess = [
-        np.maximum(step.change.lower - dx, dx - step.change.upper).max()
-        for step, dx in zip(steps, change, strict=True)
-    ]
     effort, rate = float(np.sum(plan.activations**2)), plan.squared_rate
     tracking = plan.objective.tracking
     return Measures(
@@ -133,7 +120,7 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
         time_at_bound=time_at_bounds(plan),
         saturated_muscles=int(touching(plan)[0][:, :-2].any(axis=0).sum()),
         head_travel=float(np.abs(change[:, -2:]).sum()),
-        change_excess=max(0.0, float(max(excess, default=0.0))),
+        change_excess=max(0.0, change_excess(plan)),
         iterations=plan.iterations,
         seconds=plan.total_seconds,
     )

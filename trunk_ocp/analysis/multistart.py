@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..model.activation import strains
 from ..planning.options import Options
 from ..planning.plan import Plan
-from ..problem.mirror import mirrored_unknowns
+from ..problem.mirror import mirrored_controls
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .measures import plan_measures
@@ -112,7 +112,7 @@ class Optima:
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference between the unknowns (H, muscles + 2) of two plans."""
+    """Largest difference between the controls (H, muscles + 2) of two plans."""
     return float(np.abs(a - b).max(initial=0.0))
 
 
@@ -175,7 +175,7 @@ def find_optima(
     (reported,) = run_tasks(plan_of, [(motion, lookahead, options, None)], 1, reporter)
     guesses = {"reported plan": reported.x, "rest": np.zeros_like(reported.x)}
     with suppress(InputError):  # the trunk is not symmetric
-        guesses["mirror image"] = mirrored_unknowns(motion.trunk, reported.x)
+        guesses["mirror image"] = mirrored_controls(motion.trunk, reported.x)
     rng = np.random.default_rng(seed)
     guesses |= {f"random {n}": random_motion(motion, rng) for n in range(1, starts + 1)}
     tasks = [(motion, x, lookahead, options) for x in guesses.values()]
@@ -184,7 +184,7 @@ def find_optima(
 
 
 def random_motion(motion: Motion, rng: np.random.Generator) -> np.ndarray:
-    """Unknowns (H, muscles + 2) that move linearly from one random posture to another."""
+    """Controls (H, muscles + 2) that move linearly from one random posture to another."""
     ends = np.stack([_posture(motion, rng), _posture(motion, rng)])
     share = np.linspace(0.0, 1.0, len(motion.steps))[:, None]
     x: np.ndarray = (1 - share) * ends[0] + share * ends[1]
@@ -192,7 +192,7 @@ def random_motion(motion: Motion, rng: np.random.Generator) -> np.ndarray:
 
 
 def _posture(motion: Motion, rng: np.random.Generator) -> np.ndarray:
-    """Random unknowns within the motion's bounds, including those on extension."""
+    """Random controls within the motion's bounds, including those on extension."""
     x = rng.uniform(motion.box.lower, motion.box.upper)
     first = motion.steps[0].box  # phases often set the bounds of the head
     x[-2:] = rng.uniform(first.lower[-2:], first.upper[-2:])

@@ -1,4 +1,4 @@
-"""Which bounds a plan reaches: by unknown and time step."""
+"""Which bounds a plan reaches: by control and time step."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ..planning.plan import Plan
 from ..problem.motion import allowed
 
 AT_BOUND_TOL = 1e-3
-"""Distance to a bound, as a fraction of the range, within which an unknown is at the bound."""
+"""Distance to a bound, as a fraction of the range, within which a control is at the bound."""
 
 
 def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
-    """Steps (from 1) at which each unknown is at a bound: {kind: {name: steps}}.
+    """Steps (from 1) at which each control is at a bound: {kind: {name: steps}}.
 
     Kinds are contraction, lengthening, extension, head and change. Bounds that leave no choice are
     left out, and so is the bound of a muscle at rest, since muscles cannot push.
@@ -62,9 +62,7 @@ def _side(value: float, lower: float, upper: float) -> int:
 
 
 def change_excess(plan: Plan) -> float:
-    """Largest excess over the horizon's bounds on change; negative if all hold."""
-    x = np.concatenate([np.zeros((1, plan.x.shape[1])), plan.x])
-    return max(
-        float(np.maximum(step.change.lower - dx, dx - step.change.upper).max())
-        for step, dx in zip(plan.motion.steps, np.diff(x, axis=0), strict=False)
-    )
+    """Largest excess over the horizon's bounds on change; negative if all hold by a margin."""
+    changes = zip(plan.motion.steps, np.diff(plan.trajectory, axis=0), strict=False)
+    excesses = (np.maximum(s.change.lower - dx, dx - s.change.upper).max() for s, dx in changes)
+    return float(max(excesses, default=0.0))

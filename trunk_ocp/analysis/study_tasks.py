@@ -1,10 +1,9 @@
-"""Tasks of studies: plans made in worker processes, and how their progress is counted."""
+"""Tasks of studies: plans made in worker processes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .._support.process_pool import DoneCallback
 from ..planning.options import Options
 from ..planning.plan import Plan
 from ..planning.planner import plan_from, plan_motion
@@ -29,11 +28,9 @@ def _with_status(plan: Plan) -> Plan:
     return plan
 
 
-def blind_and_horizon(
-    motion: Motion, _: None, options: Options, start: None, reporter: Reporter
-) -> tuple[Plan, Plan]:
+def blind_and_horizon(motion: Motion, options: Options, reporter: Reporter) -> tuple[Plan, Plan]:
     """The blind plan and the horizon that starts from it."""
-    blind = plan_of(motion, 1, options, start, reporter)
+    blind = plan_of(motion, 1, options, None, reporter)
     return blind, plan_of(motion, None, options, blind, reporter)
 
 
@@ -42,19 +39,3 @@ def plan_from_start(
 ) -> Plan:
     """`plan_from` in a worker process, check included."""
     return _with_status(plan_from(motion, x, lookahead, options, reporter))
-
-
-class JoinedCount:
-    """Reports the tasks of several runs as one count."""
-
-    def __init__(self, done: DoneCallback | None, total: int) -> None:
-        self.done, self.total, self.before = done, total, 0
-
-    def begin(self, before: int) -> None:
-        """Begin a run after a number of finished tasks."""
-        self.before = before
-
-    def __call__(self, done: int, _: int) -> None:
-        """Report finished tasks of the current run."""
-        if self.done is not None:
-            self.done(self.before + done, self.total)

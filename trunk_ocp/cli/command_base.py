@@ -35,30 +35,30 @@ class LazyGroup(Command, click.Group):
     Parameters
     ----------
     lazy_commands : dict
-        Module and short help of each command imported on demand, by name: module.NAME_command.
+        Short help of the commands imported on demand, module.NAME_command, by module and name.
     """
 
-    def __init__(self, *args: Any, lazy_commands: dict[str, tuple[str, str]], **extra: Any):
+    def __init__(self, *args: Any, lazy_commands: dict[str, dict[str, str]], **extra: Any):
         super().__init__(*args, **extra)
-        self.lazy_commands = lazy_commands
+        self.modules = {name: module for module, names in lazy_commands.items() for name in names}
+        self.help_texts = {n: text for names in lazy_commands.values() for n, text in names.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands."""
-        return sorted({*super().list_commands(ctx), *self.lazy_commands})
+        return sorted({*super().list_commands(ctx), *self.modules})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """A command by its name."""
-        if cmd_name in self.lazy_commands:
-            module = import_module(f".{self.lazy_commands[cmd_name][0]}", __package__)
+        if cmd_name in self.modules:
+            module = import_module(f".{self.modules[cmd_name]}", __package__)
             return getattr(module, f"{cmd_name}_command")
         return super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands without importing them."""
-        short = {name: text for name, (_, text) in self.lazy_commands.items()}
-        short |= {name: command.get_short_help_str(200) for name, command in self.commands.items()}
+        own = {name: command.get_short_help_str(200) for name, command in self.commands.items()}
         with formatter.section("Commands"):
-            formatter.write_dl(sorted(short.items()))
+            formatter.write_dl(sorted((self.help_texts | own).items()))
 
 
 def _run_and_exit(run: Callable[[], Any]) -> NoReturn:

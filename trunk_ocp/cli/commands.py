@@ -14,8 +14,26 @@ import click
 from click.core import ParameterSource
 
 from .command_base import Command, LazyGroup
-from .option_types import Number, contact_option, out_option
+from .option_types import contact_option, number_option, out_option
 from .safe_streams import standard_output
+
+LAZY_COMMANDS = {
+    "studies": {
+        "compare": "Compare planning step by step, as in the paper, with planning ahead.",
+        "optima": "Look for better local optima than the reported plan, from many starts.",
+        "redundancy": "Show which muscles a finished run needs, and what others could replace.",
+        "survey": "Find how many steps of lookahead suffice under limits on strength and speed.",
+    },
+    "finished_runs": {
+        "convert": "Write a finished run as files for Blender, ParaView and OpenSim.",
+        "explain": "Explain a finished run: why it failed, or what limits it.",
+        "view": "Open the interactive page of a finished run in a browser.",
+    },
+    "export_model": {
+        "export": "Write the trunk model (activations, head, loads to shape) as code.",
+    },
+}
+"""Commands that are imported when they run, and their short help, by module."""
 
 
 @click.command("solve", cls=Command)
@@ -28,33 +46,25 @@ from .safe_streams import standard_output
     show_default=True,
     help="Plan all time steps together as one NLP, one step at a time, or both ways.",
 )
-@click.option(
+@number_option(
     "--lookahead",
-    type=Number("lookahead"),
-    metavar="H",
-    help="Plan H time steps at a time (receding horizon); replaces --mode.",
+    "lookahead",
+    "H",
+    "Plan H time steps at a time (receding horizon); replaces --mode.",
 )
 @contact_option
 @out_option("Folder for results.  [default: results/PROBLEM]")
 @click.option(
     "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."
 )
-@click.option(
-    "--max-iterations",
-    type=Number("max_iterations"),
-    metavar="N",
-    default=1000,
-    show_default=True,
-    help="Iteration limit of each solve.",
-)
-@click.option(
+@number_option("--max-iterations", "max_iterations", "N", "Iteration limit of each solve.", 1000)
+@number_option(
     "--starts",
-    type=Number("starts"),
-    default=1,
-    show_default=True,
-    help="Solve the horizon from N initial guesses and keep the best plan: the sequential plan, "
+    "starts",
+    "N",
+    "Solve the horizon from N initial guesses and keep the best plan: the sequential plan, "
     "then the passive trunk, then random ones.",
-    metavar="N",
+    default=1,
 )
 @click.option("--resume", is_flag=True, help="Continue an unfinished run where it stopped.")
 @click.option("--no-figures", is_flag=True, help="Skip the figures and the interactive page.")
@@ -107,37 +117,7 @@ def resume_command(parameters: Mapping[str, Any]) -> str:
     return shlex.join([*words, "--resume"])
 
 
-@click.group(
-    cls=LazyGroup,
-    lazy_commands={
-        "compare": (
-            "studies",
-            "Compare planning step by step, as in the paper, with planning ahead.",
-        ),
-        "convert": (
-            "finished_runs",
-            "Write a finished run as files for Blender, ParaView and OpenSim.",
-        ),
-        "explain": ("finished_runs", "Explain a finished run: why it failed, or what limits it."),
-        "export": (
-            "export_model",
-            "Write the trunk model (activations, head, loads to shape) as code.",
-        ),
-        "optima": (
-            "studies",
-            "Look for better local optima than the reported plan, from many starts.",
-        ),
-        "redundancy": (
-            "studies",
-            "Show which muscles a finished run needs, and what others could replace.",
-        ),
-        "survey": (
-            "studies",
-            "Find how many steps of lookahead suffice under limits on strength and speed.",
-        ),
-        "view": ("finished_runs", "Open the interactive page of a finished run in a browser."),
-    },
-)
+@click.group(cls=LazyGroup, lazy_commands=LAZY_COMMANDS)
 @click.version_option(package_name="trunk_ocp")
 def main() -> None:
     """Plan whole motions of a muscular trunk.

@@ -14,7 +14,7 @@ from ..codegen.request import CheckError
 from ..codegen.shape_model import MIN_ELEMENTS
 from ..codegen.subject import load_subject
 from .exit_codes import NOT_VERIFIED
-from .option_types import Number, out_option
+from .option_types import number_option, out_option
 from .safe_streams import standard_output
 
 
@@ -44,19 +44,11 @@ def _points(
     callback=_points,
     help="Points in m from the base.  [default: the tip]",
 )
-@click.option("--to", type=click.Choice([*FORMATS]), required=True, help="Target format.")
+@click.option("--to", metavar=f"[{'|'.join(FORMATS)}]", required=True, help="Target format.")
 @out_option("Folder for the files.  [default: export/NAME-FORMAT]")
 @click.option("--second", is_flag=True, help="Add second derivatives along a direction.")
-@click.option(
-    "--contact-from", type=Number("Z"), metavar="Z", help="Where contact loads begin, in m."
-)
-@click.option(
-    "--elements",
-    type=Number("elements"),
-    default=MIN_ELEMENTS,
-    metavar="N",
-    help="Use at least N collocation elements.",
-)
+@number_option("--contact-from", "Z", "Z", "Where contact loads begin, in m.")
+@number_option("--elements", "elements", "N", "Use at least N collocation elements.", MIN_ELEMENTS)
 @click.option(
     "--muscle", metavar="NAME", help="Muscle for formulas (sympy and latex), such as R1-dl."
 )

@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from .exit_codes import INTERRUPTED
@@ -75,12 +75,7 @@ class Interrupts:
         self._unraisable, sys.unraisablehook = sys.unraisablehook, self._raise_again
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         Interrupts.current = None
         if self._before:
             for number, handler in self._before.items():

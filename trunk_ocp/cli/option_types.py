@@ -50,6 +50,16 @@ class Number(Type):
         return number
 
 
+def number_option(
+    name: str, kind: str, metavar: str, text: str, default: float | None = None
+) -> Callable[[Any], Any]:
+    """An option for a number within the range of its kind; help shows the default, if any."""
+    shown = default is not None
+    return click.option(
+        name, type=Number(kind), metavar=metavar, default=default, show_default=shown, help=text
+    )
+
+
 class Numbers(Type):
     """Numbers within one range, separated by commas.
 

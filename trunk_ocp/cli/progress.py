@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 import time
-from types import TracebackType
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
 from rich.status import Status as Spinner
 
 from ..problem.motion import Motion
 from ..reporting import Progress, Reporter
+
+
+def progress_bar(console: Console, title: str, items: str, transient: bool = False) -> ProgressBar:
+    """A bar with a title, the number of finished items of all, and the time that is left."""
+    return ProgressBar(
+        TextColumn(title),
+        BarColumn(),
+        TextColumn(f"{{task.completed}} of {{task.total}} {items}, time left"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=transient,
+        disable=console.quiet,
+    )
 
 
 class ProgressDisplay(Reporter):
@@ -32,12 +46,7 @@ class ProgressDisplay(Reporter):
             self.spinner.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._show_stopping()
         if self.spinner is not None:
             self.spinner.stop()

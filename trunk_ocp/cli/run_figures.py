@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,36 +17,24 @@ PROCESSES = 2
 PAGE = "motion.html"
 
 
-@dataclass(frozen=True)
-class DrawnRun:
-    """Outcome of drawing a run.
-
-    Attributes
-    ----------
-    page : Path or None
-        The interactive page; None if it was not written.
-    failures : tuple of str
-        A sentence for each figure that could not be drawn.
-    """
-
-    page: Path | None
-    failures: tuple[str, ...]
-
-
-def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> DrawnRun:
+def draw_run(
+    plans: Sequence[Plan], folders: Sequence[Path], folder: Path
+) -> tuple[Path | None, list[str]]:
     """Draw the figures of plans into their folders, and shared figures into `folder`.
 
     Figures of one plan go to its folder's `figures/`; those of the trunk, and of two plans
     together, to `folder / "figures"`; the page to `folder / PAGE`. A figure that fails, with
     whatever error, does not stop the others: the plans matter more than their figures.
+
+    Returns the page, None if it was not written, and a sentence for each figure that failed.
     """
     pairs = [pair for pair in zip(plans, folders, strict=True) if len(pair[0].x)]
     if not pairs:
-        return DrawnRun(None, ())
+        return None, []
     jobs: dict[str, Job[Any]] = {"the page": (write_page, ([p for p, _ in pairs], folder / PAGE))}
     for draw in PARTS:
         for plan, place in pairs:
-            jobs[f"the {plan.mode} plan's {_subject(draw)}"] = (
+            jobs[f"the {plan.mode} plan's {draw.__name__.removeprefix('draw_')}"] = (
                 draw,
                 (plan, place / "figures", FORMATS),
             )
@@ -67,12 +54,7 @@ def draw_run(plans: Sequence[Plan], folders: Sequence[Path], folder: Path) -> Dr
                 page = future.result()
     except TrunkError as error:
         failures.append(_failure(", ".join(name for name in names if name in unfinished), error))
-    return DrawnRun(page, tuple(failures))
-
-
-def _subject(draw: Callable[..., Any]) -> str:
-    """What a function draws: `draw_shapes` draws shapes."""
-    return draw.__name__.removeprefix("draw_")
+    return page, failures
 
 
 def _failure(subject: str, error: BaseException) -> str:

@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .._support.atomic_files import alone, write
 from ..analysis.diagnosis import explain, save_diagnosis
@@ -38,7 +37,7 @@ from .common import load_problem, print_outcome, print_plain
 from .error_messages import warn, warn_on_failure
 from .exit_codes import INTERRUPTED
 from .interrupts import Interrupts
-from .progress import ProgressDisplay
+from .progress import ProgressDisplay, progress_bar
 from .safe_streams import standard_output
 from .tables import comparison_table, finding_lines, rank_table, sign_table, step_table
 
@@ -257,11 +256,12 @@ def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
     from .run_figures import draw_run  # imports matplotlib, which is slow
 
     with console.status("drawing figures; Ctrl-C skips them"):
-        drawn = draw_run(plans, [folder / plan_folder(plan) for plan in plans], folder)
-    for sentence in drawn.failures:
+        folders = [folder / plan_folder(plan) for plan in plans]
+        page, failures = draw_run(plans, folders, folder)
+    for sentence in failures:
         warn(f"{sentence} The plans are saved.")
-    if drawn.page is not None:
-        print_plain(console, f"Interactive page: {drawn.page}")
+    if page is not None:
+        print_plain(console, f"Interactive page: {page}")
 
 
 def _films(plans: list[Plan], folder: Path, console: Console) -> None:
@@ -276,13 +276,7 @@ def _film(plan: Plan, folder: Path, console: Console) -> None:
 
     if not len(plan.x):
         return
-    with Progress(
-        TextColumn("film of the {task.description} plan"),
-        BarColumn(),
-        TextColumn("{task.completed} of {task.total} frames, time left"),
-        TimeRemainingColumn(),
-        console=console,
-    ) as bar:
+    with progress_bar(console, "film of the {task.description} plan", "frames") as bar:
         task = bar.add_task(plan.mode, total=None)
         paths = write_film(
             plan, folder, lambda done, total: bar.update(task, completed=done, total=total)

@@ -6,17 +6,20 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.console import Console, Group
+from rich.table import Table
 
 from .._support.atomic_files import write
 from ..analysis.lookahead_study import compare_lookaheads, smoothness_tradeoff, survey_limits
 from ..analysis.multistart import find_optima
-from ..analysis.redundancy import AblationResult, ablate_muscles, analyze_redundancy
+from ..analysis.redundancy.ablation import AblationResult, ablate_muscles
+from ..analysis.redundancy.report import analyze_redundancy
 from ..planning.plan import Plan
 from ..planning.results_folder import default_folder, set_figures_aside, sign
 from ..planning.storage import finite
@@ -25,7 +28,8 @@ from ..reporting import Reporter
 from .common import load_problem, load_run, print_plain
 from .error_messages import warn_on_failure
 from .interrupts import Interrupts
-from .option_types import Number, Numbers, contact_option, out_option
+from .option_types import Numbers, contact_option, number_option, out_option
+from .progress import progress_bar
 from .tables import foresight_table, optima_table, redundancy_table, survey_table, version_table
 
 no_figures_option = click.option("--no-figures", is_flag=True, help="Skip the figures.")
@@ -67,10 +71,9 @@ def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: boo
         console.print(version_table(result))
         if not no_figures:
             with warn_on_failure("could not draw the ranges"):
-                from ..figures import FORMATS
                 from ..figures.redundancy import draw_redundancy
 
-                draw_redundancy(result, place / "figures", FORMATS)
+                draw_redundancy(result, place / "figures")
         else:
             set_figures_aside(place / "figures", "redundancy")
         print_plain(console, f"Results are in {place}/")
@@ -90,75 +93,96 @@ def _ablation(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
         return ablate_muscles(plan, progress=show, reporter=reporter)
 
 
-def _study_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that all studies have."""
-    for option in (
-        click.option("--json", "as_json", is_flag=True, help="Print only the results, as JSON."),
-        click.option(
-            "--processes",
-            type=Number("processes"),
-            metavar="N",
-            help="Number of plans to solve in parallel.  [default: one per core]",
-        ),
-        out_option("Folder for results.  [default: results/PROBLEM/COMMAND]"),
-        contact_option,
-    ):
-        command = option(command)
-    return command
+@dataclass(frozen=True)
+class Study:
+    """A study of one motion: where its results go, and how it is run and reported.
+
+    `in_results` says whether its folder is in that of the motion's other results. The console is
+    quiet if the results are to be printed as JSON.
+    """
+
+    problem: str
+    motion: Motion
+    folder: Path
+    in_results: bool
+    processes: int | None
+    console: Console
+
+    @contextmanager
+    def run(self, title: str = "") -> Iterator[dict[str, Any]]:
+        """A progress bar for many plans; gives the arguments with which to make them.
+
+        Ctrl-C stops them all.
+        """
+        reporter, interrupts = Reporter(), Interrupts.current or Interrupts()
+        bar = progress_bar(self.console, "{task.description}", "plans", transient=True)
+        with interrupts.graceful_stop(reporter), bar:
+            task = bar.add_task(self.motion.name + title, total=None)
+            yield {
+                "processes": self.processes,
+                "reporter": reporter,
+                "done": lambda done, total: bar.update(task, completed=done, total=total),
+            }
+
+    def save(self, table: Table | Group, **results: Any) -> None:
+        """Write each result to its file, and print the table."""
+        if self.in_results:
+            sign(self.folder.parent, self.problem, self.motion)
+        for name, result in results.items():
+            write(self.folder / f"{name}.json", json.dumps(result, indent=2) + "\n")
+        self.console.print(table)
+
+    def finish(self, result: Any) -> None:
+        """Print where the results are, or the result itself."""
+        print_plain(self.console, f"Results are in {self.folder}/")
+        if self.console.quiet:
+            click.echo(json.dumps(result, indent=2))
 
 
-def _study_folder(problem: str, motion: Motion, out: Path | None, command: str) -> Path:
-    return out or default_folder(problem, motion) / command
+def _with_study(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options that all studies have; the command gets them as a `Study`."""
 
-
-@contextmanager
-def _plan_progress(
-    console: Console, title: str
-) -> Iterator[tuple[Reporter, Callable[[int, int], None]]]:
-    """A progress bar for many plans; Ctrl-C stops them all."""
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed} of {task.total} plans, time left"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=console.quiet,
+    @contact_option
+    @out_option("Folder for results.  [default: results/PROBLEM/COMMAND]")
+    @number_option(
+        "--processes",
+        "processes",
+        "N",
+        "Number of plans to solve in parallel.  [default: one per core]",
     )
-    reporter = Reporter()
-    interrupts = Interrupts.current or Interrupts()
-    with interrupts.graceful_stop(reporter), bar:
-        task = bar.add_task(title, total=None)
-        yield reporter, lambda done, total: bar.update(task, completed=done, total=total)
+    @click.option("--json", "as_json", is_flag=True, help="Print only the results, as JSON.")
+    @wraps(function)
+    def command(
+        problem: str,
+        contact: str | None,
+        out: Path | None,
+        processes: int | None,
+        as_json: bool,
+        **options: Any,
+    ) -> None:
+        console, motion = Console(quiet=as_json, highlight=False), load_problem(problem, contact)
+        name = function.__name__.removesuffix("_command")
+        folder = out or default_folder(problem, motion) / name
+        function(Study(problem, motion, folder, out is None, processes, console), **options)
+
+    return command
 
 
 @click.command("compare")
 @click.argument("problem", default="pick-fruit")
-@click.option(
-    "--max-activation",
-    type=Number("activation limit"),
-    metavar="A",
-    help="Limit every contraction to A.",
-)
-@click.option(
-    "--max-rate",
-    type=Number("rate limit"),
-    metavar="R",
-    help="Limit the rate of change of every activation to R per second.",
+@number_option("--max-activation", "activation limit", "A", "Limit every contraction to A.")
+@number_option(
+    "--max-rate", "rate limit", "R", "Limit the rate of change of every activation to R per second."
 )
 @lookaheads_option
 @no_figures_option
-@_study_options
+@_with_study
 def compare_command(
-    problem: str,
+    study: Study,
     max_activation: float | None,
     max_rate: float | None,
     lookaheads: list[int] | None,
     no_figures: bool,
-    contact: str | None,
-    out: Path | None,
-    processes: int | None,
-    as_json: bool,
 ) -> None:
     """Compare planning step by step, as in the paper, with planning ahead.
 
@@ -172,28 +196,18 @@ def compare_command(
 
     Exit codes: 0 if the horizon plan is solved and verified; otherwise as for solve-motion.
     """
-    console = Console(quiet=as_json, highlight=False)
-    motion = load_problem(problem, contact)
-    folder = _study_folder(problem, motion, out, "compare")
-    with _plan_progress(console, motion.name) as (reporter, done):
-        result = compare_lookaheads(
-            motion, max_activation, max_rate, lookaheads, None, processes, reporter, done
-        )
+    with study.run() as arguments:
+        result = compare_lookaheads(study.motion, max_activation, max_rate, lookaheads, **arguments)
     data = finite(result.as_dict())
-    if out is None:
-        sign(folder.parent, problem, motion)
-    write(folder / "comparison.json", json.dumps(data, indent=2) + "\n")
-    console.print(foresight_table(result))
+    study.save(foresight_table(result), comparison=data)
     if no_figures:
-        set_figures_aside(folder, "comparison")
+        set_figures_aside(study.folder, "comparison")
     else:
         with warn_on_failure("could not draw the comparison"):
             from ..figures import draw_foresight
 
-            draw_foresight(result, folder)
-    print_plain(console, f"Results are in {folder}/")
-    if as_json:
-        click.echo(json.dumps(data, indent=2))
+            draw_foresight(result, study.folder)
+    study.finish(data)
     sys.exit(result.curve.best.status.exit_code)
 
 
@@ -215,17 +229,13 @@ def compare_command(
 )
 @lookaheads_option
 @no_figures_option
-@_study_options
+@_with_study
 def survey_command(
-    problem: str,
+    study: Study,
     max_activations: list[float | None],
     max_rates: list[float | None],
     lookaheads: list[int] | None,
     no_figures: bool,
-    contact: str | None,
-    out: Path | None,
-    processes: int | None,
-    as_json: bool,
 ) -> None:
     """Find how many steps of lookahead suffice under limits on strength and speed.
 
@@ -236,86 +246,45 @@ def survey_command(
     Takes half a minute for lift-log and two minutes for pick-fruit on one core, and about as long
     as trunk-ocp compare for each further pair of limits.
     """
-    console = Console(quiet=as_json, highlight=False)
-    motion = load_problem(problem, contact)
-    folder = _study_folder(problem, motion, out, "survey")
-    with _plan_progress(console, f"{motion.name}, limits") as (reporter, done):
-        cells = survey_limits(
-            motion, max_activations, max_rates, lookaheads, None, processes, reporter, done
-        )
-    with _plan_progress(console, f"{motion.name}, smoothness") as (reporter, done):
-        curve = smoothness_tradeoff(motion, processes=processes, reporter=reporter, done=done)
+    motion, folder = study.motion, study.folder
+    with study.run(", limits") as arguments:
+        cells = survey_limits(motion, max_activations, max_rates, lookaheads, **arguments)
+    with study.run(", smoothness") as arguments:
+        curve = smoothness_tradeoff(motion, **arguments)
     cells, curve = finite(cells), finite(curve)
-    if out is None:
-        sign(folder.parent, problem, motion)
-    write(folder / "survey.json", json.dumps(cells, indent=2) + "\n")
-    write(folder / "front.json", json.dumps(curve, indent=2) + "\n")
-    console.print(survey_table(cells))
+    study.save(survey_table(cells), survey=cells, front=curve)
     if no_figures:
         set_figures_aside(folder, f"foresight-{motion.name}", f"front-{motion.name}")
     else:
         from ..figures import draw_front, draw_survey
 
         with warn_on_failure("could not draw the survey"):
-            draw_survey(cells, folder, ("pdf", "png"))
+            draw_survey(cells, folder)
         with warn_on_failure("could not draw the smoothness trade-off"):
-            draw_front(curve, folder, ("pdf", "png"))
-    print_plain(console, f"Results are in {folder}/")
-    if as_json:
-        click.echo(json.dumps({"survey": cells, "front": curve}, indent=2))
+            draw_front(curve, folder)
+    study.finish({"survey": cells, "front": curve})
 
 
 @click.command("optima")
 @click.argument("problem", default="pick-fruit")
-@click.option(
+@number_option(
     "--lookahead",
-    type=Number("lookahead"),
-    metavar="H",
-    help="Time steps planned at a time; 1 is sequential.  [default: all]",
+    "lookahead",
+    "H",
+    "Time steps planned at a time; 1 is sequential.  [default: all]",
 )
-@click.option(
-    "--starts",
-    type=Number("random starts"),
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="Number of random starts.",
-)
-@click.option(
-    "--seed",
-    type=Number("seed"),
-    default=0,
-    show_default=True,
-    metavar="S",
-    help="Seed of the random starts.",
-)
-@_study_options
-def optima_command(
-    problem: str,
-    lookahead: int | None,
-    starts: int,
-    seed: int,
-    contact: str | None,
-    out: Path | None,
-    processes: int | None,
-    as_json: bool,
-) -> None:
+@number_option("--starts", "random starts", "N", "Number of random starts.", default=20)
+@number_option("--seed", "seed", "S", "Seed of the random starts.", default=0)
+@_with_study
+def optima_command(study: Study, lookahead: int | None, starts: int, seed: int) -> None:
     """Look for better local optima than the reported plan, from many starts.
 
     Plans the same motion from N random starts, from the mirror image of the reported plan and
     from the passive trunk. Writes optima.json. Takes about a minute for the shipped motions on
     one core.
     """
-    console = Console(quiet=as_json, highlight=False)
-    motion = load_problem(problem, contact)
-    folder = _study_folder(problem, motion, out, "optima")
-    with _plan_progress(console, motion.name) as (reporter, done):
-        result = find_optima(motion, lookahead, starts, seed, None, processes, reporter, done)
+    with study.run() as arguments:
+        result = find_optima(study.motion, lookahead, starts, seed, **arguments)
     data = finite(result.as_dict())
-    if out is None:
-        sign(folder.parent, problem, motion)
-    write(folder / "optima.json", json.dumps(data, indent=2) + "\n")
-    console.print(optima_table(result))
-    print_plain(console, f"Results are in {folder}/")
-    if as_json:
-        click.echo(json.dumps(data, indent=2))
+    study.save(optima_table(result), optima=data)
+    study.finish(data)

@@ -13,24 +13,26 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from .._support.wording import rounded
 from ..analysis.diagnosis import Diagnosis
 from ..analysis.lookahead_study import SUFFICIENT_EXCESS, Foresight
 from ..analysis.measures import DEFINITIONS, plan_measures
 from ..analysis.multistart import SAME_PLAN_TOL, Optima, distance
-from ..analysis.redundancy import Redundancy
 from ..analysis.redundancy.activation_ranges import AT_REST
-from ..analysis.redundancy.report import cost, largest
+from ..analysis.redundancy.report import Redundancy, cost, largest
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
 from ..planning.plan import Plan, Status
 from ..planning.verification import BOUND_TOL
-from ..problem.mirror import mirrored_unknowns
+from ..problem.mirror import mirrored_controls
 
 COLUMNS = (
     "step", "time\ns", "phase", "worst\nmm", "mean\nmm", "direct.", "J_T", "psi_Z\ndeg",
     "psi_Y\ndeg", "check\nmm",
 )  # fmt: skip
+WORDS = ("", "phase", "way", "status", "muscle", "measure", "unit", "version", "found from")
+"""Names of columns of words."""
 MAX_DETAILS = 6  # of a finding, at the end of a run
 MAX_PHASE_WIDTH = 20  # characters of a phase name in a table
 MAX_ROWS = 12  # time steps; of longer motions only the first and last step of each phase
@@ -43,18 +45,10 @@ def step_table(plan: Plan) -> Table:
     planned shape.
     """
     motion = plan.motion
-    table = Table(
-        title=f"{motion.name}, {plan.mode}",
-        caption=_caption(plan),
-        box=SIMPLE_HEAD,
-        padding=0,
-        pad_edge=False,
-    )
-    for name in COLUMNS:
-        if name == "phase":
-            table.add_column(name, no_wrap=True, max_width=MAX_PHASE_WIDTH, overflow="ellipsis")
-        else:
-            table.add_column(name, justify="right", no_wrap=True)
+    cost = f"J = {plan.objective.paper:.3g}, {plan.iterations} iterations"
+    caption = f"{cost}, {plan.total_seconds:.1f} s"
+    table = _table(f"{motion.name}, {plan.mode}", COLUMNS, caption, dense=True)
+    table.columns[COLUMNS.index("phase")].max_width = MAX_PHASE_WIDTH
     for t in _rows(plan):
         step, errors = motion.steps[t], plan.errors[t]
         table.add_row(
@@ -72,10 +66,21 @@ def step_table(plan: Plan) -> Table:
     return table
 
 
-def _caption(plan: Plan) -> str:
-    return (
-        f"J = {plan.objective.paper:.3g}, {plan.iterations} iterations, {plan.total_seconds:.1f} s"
-    )
+def _table(
+    title: str, names: Sequence[str], caption: str | None = None, dense: bool = False
+) -> Table:
+    """A table with words left-aligned and numbers right-aligned.
+
+    If `dense`, its columns keep their width and have little space between them.
+    """
+    table = Table(title=title, caption=caption, box=SIMPLE_HEAD)
+    if dense:
+        table.padding, table.pad_edge = 0, False
+    if caption and "\n" in caption:
+        table.caption_justify = "left"
+    for name in names:
+        table.add_column(name, justify="left" if name in WORDS else "right", no_wrap=dense)
+    return table
 
 
 def _rows(plan: Plan) -> Sequence[int]:
@@ -96,9 +101,8 @@ def _number(values: np.ndarray, reduce: Any, scale: float, form: str) -> str:
 
 def history_table(diagnosis: Diagnosis) -> Table:
     """About ten iterations of the solve that failed."""
-    table = Table(title="progress of the failed solve", box=SIMPLE_HEAD)
-    for name in ("iteration", "objective", "constraint violation", "optimality error"):
-        table.add_column(name, justify="right")
+    names = ("iteration", "objective", "constraint violation", "optimality error")
+    table = _table("progress of the failed solve", names)
     rows = diagnosis.history
     for k in np.unique(np.linspace(0, len(rows) - 1, 10).round().astype(int)).tolist():
         number, *values = rows[k]
@@ -128,11 +132,7 @@ MILLIMETERS = ("worst_position_error", "mean_position_error")
 
 def comparison_table(figures: dict[str, dict[str, Any]]) -> Table:
     """Measures of two plans side by side."""
-    table = Table(title="sequential vs. horizon", box=SIMPLE_HEAD)
-    table.add_column("measure")
-    for mode in figures:
-        table.add_column(mode, justify="right")
-    table.add_column("unit")
+    table = _table("sequential vs. horizon", ("measure", *figures, "unit"))
     for name in next(iter(figures.values())):
         millimeters = name in MILLIMETERS
         unit = "mm" if millimeters else DEFINITIONS[name][0]
@@ -151,15 +151,17 @@ def foresight_table(result: Foresight) -> Group:
     comparison.json has more measures, and their definitions.
     """
     best_cost = result.curve.best.objective.total
-    quality = _plain_table(
+    quality = _table(
         f"{result.motion.name}: the value of planning ahead",
         ("way", "status", "cost\n/ best", "J", "worst\nmm", "worst\ndirection", "seconds"),
         WAYS,
+        dense=True,
     )
-    use = _plain_table(
+    use = _table(
         f"{result.motion.name}: muscle use",
         ("way", "effort", "rate\n1/s", "varia-\ntion", "largest\nchange", "turns", "at bound\ns",
          "beyond\nchange"),
+        dense=True,
     )  # fmt: skip
     for name, m in result.measures.items():
         way = name.replace("paper, ", "").replace("lookahead", "ahead")
@@ -168,7 +170,7 @@ def foresight_table(result: Foresight) -> Group:
             _short_status(m.status),
             f"{m.planner_objective / best_cost:.3f}" if best_cost else "-",
             f"{m.paper_objective:.3g}",
-            f"{1e3 * m.worst_position_error:.3g}",
+            rounded(1e3 * m.worst_position_error, 3),
             f"{m.worst_direction_error:.3g}",
             f"{m.seconds:.1f}",
         )
@@ -221,43 +223,21 @@ blind from best: ahead 1, each step started from the best horizon
 cost / best: tracking + effort + rate, relative to the best horizon"""
 
 
-def _plain_table(title: str, names: Sequence[str], caption: str | None = None) -> Table:
-    """A dense table whose columns keep their width: words left-aligned, numbers right-aligned."""
-    table = Table(
-        title=title,
-        caption=caption,
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=0,
-        pad_edge=False,
-    )
-    for name in names:
-        left = name in ("way", "status")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
-    return table
-
-
 def survey_table(data: dict[str, Any]) -> Table:
     """One row per pair of limits: blind, blind from the best horizon, the best horizon."""
-    table = Table(
-        title=f"{data['problem']}: planning ahead under limits",
-        caption="Worst errors in mm; costs relative to the best horizon. Blind: one step at a "
-        "time. If it does better when started from the best horizon, it lacked a good start, "
-        "not foresight.",
-        box=SIMPLE_HEAD,
-        padding=0,
-        pad_edge=False,
-    )
-    for name in (
-        "max\nact.", "max\nrate", "blind", "\nmm", "\n/best", "from\nbest", "\nmm", "\n/best",
-        "best", "\nmm", "steps\nahead",
-    ):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
+    table = _table(
+        f"{data['problem']}: planning ahead under limits",
+        ("max\nact.", "max\nrate", "blind", "\nmm", "\n/best", "from\nbest", "\nmm", "\n/best",
+         "best", "\nmm", "steps\nahead"),
+        "Worst errors in mm; costs relative to the best horizon. Blind: one step at a time. If it "
+        "does better when started from the best horizon, it lacked a good start, not foresight.",
+        dense=True,
+    )  # fmt: skip
     for cell in data["cells"]:
         best = cell["best"]
         row = ["-" if limit is None else f"{limit:g}" for limit in cell["limits"].values()]
         for plan in (cell["lookaheads"]["1"], cell["blind_from_best"], best):
-            row += [_short_status(plan["status"]), f"{1e3 * plan['worst_position_error']:.3g}"]
+            row += [_short_status(plan["status"]), rounded(1e3 * plan["worst_position_error"], 3)]
             if plan is not best:
                 row.append(f"{plan['planner_objective'] / best['planner_objective']:.3f}")
         table.add_row(*row, str(cell["sufficient_lookahead"] or "-"))
@@ -268,15 +248,13 @@ def optima_table(optima: Optima) -> Table:
     """One row per distinct optimum, the best first."""
     verdict = "is the best found" if optima.reported_is_best else "is NOT the best found"
     failed = f"; {len(optima.failed)} did not converge" if optima.failed else ""
-    table = Table(
-        title=f"{optima.reported.motion.name}, {optima.reported.mode}: distinct local optima",
-        caption=f"{len(optima.plans)} starts{failed}. The reported plan {verdict}. "
+    table = _table(
+        f"{optima.reported.motion.name}, {optima.reported.mode}: distinct local optima",
+        ("objective", "J", "worst, mm", "distance", "status", "found from"),
+        f"{len(optima.plans)} starts{failed}. The reported plan {verdict}. "
         f"Plans that differ by at most {SAME_PLAN_TOL:g} in every activation and angle (rad) count "
         "as one. distance: largest difference from the best.",
-        box=SIMPLE_HEAD,
     )
-    for name in ("objective", "J", "worst, mm", "distance", "status", "found from"):
-        table.add_column(name, justify="left" if name == "found from" else "right")
     best = optima.distinct[0].plan if optima.distinct else optima.reported
     for optimum in optima.distinct:
         m = plan_measures(optimum.plan)
@@ -285,7 +263,7 @@ def optima_table(optima: Optima) -> Table:
         table.add_row(
             f"{m.planner_objective:.6g}",
             f"{m.paper_objective:.4g}",
-            f"{1e3 * m.worst_position_error:.4g}",
+            rounded(1e3 * m.worst_position_error, 4),
             f"{distance(optimum.plan.x, best.x):.3g}",
             _short_status(m.status),
             some + (f"; mirror image of row {mirrored}" if mirrored else ""),
@@ -299,7 +277,7 @@ def _mirrored_row(plan: Plan, optima: Optima) -> int:
         if optimum.plan is plan:
             return 0
         with suppress(InputError):  # a trunk without left-right symmetry
-            image = mirrored_unknowns(plan.motion.trunk, optimum.plan.x)
+            image = mirrored_controls(plan.motion.trunk, optimum.plan.x)
             if distance(image, plan.x) <= SAME_PLAN_TOL:
                 return row
     return 0
@@ -324,21 +302,14 @@ worst: largest distance to a target; !: not solved"""
 def redundancy_table(result: Redundancy) -> Table:
     """How much freedom a motion leaves each muscle; activations without sign."""
     plan, free = result.plan, result.freedom
-    table = Table(
-        title=f"{plan.motion.name}, {plan.mode}: the same motion with other muscles",
-        caption=LEGEND + (LEGEND_NEEDED if result.needs else ""),
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=0,
-        pad_edge=False,
-    )
-    table.add_column("muscle", no_wrap=True)
-    table.add_column("", no_wrap=True)
     needs = {need.muscles: need for need in result.needs}
-    without = ("cost\nwithout", "worst\nmm") if needs else ()
-    for name in ("narrow\nrange", "wide\nrange", "at\nleast", "plan\nmax", "effort\nmax",
-                 "fewest\nmax", *without):  # fmt: skip
-        table.add_column(name, justify="right", no_wrap=True)
+    table = _table(
+        f"{plan.motion.name}, {plan.mode}: the same motion with other muscles",
+        ("muscle", "", "narrow\nrange", "wide\nrange", "at\nleast", "plan\nmax", "effort\nmax",
+         "fewest\nmax", *(("cost\nwithout", "worst\nmm") if needs else ())),
+        LEGEND + (LEGEND_NEEDED if needs else ""),
+        dense=True,
+    )  # fmt: skip
     peaks = [
         largest(result.versions[version]) for version in ("plan", "least effort", "fewest muscles")
     ]
@@ -360,11 +331,9 @@ def redundancy_table(result: Redundancy) -> Table:
 
 def version_table(result: Redundancy) -> Table:
     """Cost of each set of activations that gives the planned shapes."""
-    table = Table(title="activations that give the same shapes", box=SIMPLE_HEAD)
-    table.add_column("version")
     costs = {name: cost(version) for name, version in result.versions.items()}
-    for name in costs["plan"]:
-        table.add_column(name.replace("_", "\n"), justify="right")
+    names = ("version", *(name.replace("_", "\n") for name in costs["plan"]))
+    table = _table("activations that give the same shapes", names)
     for name, values in costs.items():
         table.add_row(name, *(f"{value:.5g}" for value in values.values()))
     return table
@@ -373,12 +342,11 @@ def version_table(result: Redundancy) -> Table:
 def sign_table(trunk: Trunk) -> Table:
     """The paper's Table 2."""
     table = Table(
+        *("muscle", "side", *MEASURES, "isolated torsion"),
         title="Effect of a contraction (Table 2)",
         caption="zeta extension; u1, u2 bending around d1 (dorsal), d2 (right); u3 twist",
         box=SIMPLE_HEAD,
     )
-    for name in ("muscle", "side", *MEASURES, "isolated torsion"):
-        table.add_column(name)
     words = {-1: "< 0", 0: "= 0", 1: "> 0", 2: "differs"}
     for group, sides in signs(trunk).items():
         for side, row in sorted(sides.items(), reverse=True):
@@ -388,9 +356,8 @@ def sign_table(trunk: Trunk) -> Table:
 
 def rank_table(trunk: Trunk) -> Table:
     """The paper's Table 3."""
-    table = Table(title="Muscles from strongest to weakest (Table 3)", box=SIMPLE_HEAD)
-    for name in ("segment", *MEASURES):
-        table.add_column(name)
+    title = "Muscles from strongest to weakest (Table 3)"
+    table = Table("segment", *MEASURES, title=title, box=SIMPLE_HEAD)
     for number, columns in enumerate(ranks(trunk), 1):
         cells = [
             ", ".join(strong) + (f" (none: {', '.join(zero)})" if zero else "")

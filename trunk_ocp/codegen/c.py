@@ -22,10 +22,8 @@ from .escaping import c_literal
 from .headers import header, template
 from .request import Request
 from .rod_space_axes import MOMENTS, base, rates, report, second_along, spiral, turn, with_slopes
-from .run_checks import in_a_copy, run, tool
+from .run_checks import run_c
 from .shape_model import DEGREE, Model
-
-STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 
 
 def write_c(request: Request) -> dict[str, str | bytes]:
@@ -34,36 +32,20 @@ def write_c(request: Request) -> dict[str, str | bytes]:
     If `what` is "shape", there are no derivatives of the loaded shape.
     """
     title = _comment(header(request))
-    interface = _template("trunk.h").replace("/* @title@ */", title)
+    interface = template("c/trunk.h").replace("/* @title@ */", title)
     interface = interface.replace("/* @sizes@ */", "\n".join(_sizes(request)))
     files: dict[str, str | bytes] = {
         "trunk.h": interface,
         "trunk.c": title + "\n" + _source(request),
     }
     for name in ("CMakeLists.txt", "example.c", "check.c"):
-        files[name] = _template(name)
+        files[name] = template(f"c/{name}")
     return files
 
 
 def check_c(folder: Path) -> str:
-    """Compile and run the self-check of an export; returns its output.
-
-    Raises
-    ------
-    ToolMissingError
-        If there is no C compiler.
-    CheckError
-        If the program does not compile, or does not reproduce the check files.
-    """
-    compiler = tool("cc", "a C compiler", "apt-get install gcc")
-    with in_a_copy(folder) as copy:
-        sources = ["trunk.c", "check.c", "-lm", "-o", "check"]
-        run([compiler, *STRICT, "-O2", *sources], copy)
-        return run([str(copy / "check")], copy)
-
-
-def _template(name: str) -> str:
-    return template(f"c/{name}")
+    """Compile and run the self-check of an export; returns its output, and raises as `run_c`."""
+    return run_c(folder, "trunk.c")
 
 
 def _comment(text: str) -> str:
@@ -104,7 +86,7 @@ def _source(request: Request) -> str:
     if request.second:
         parts.append("second.c")
         kernels += _second_kernels(request.model)
-    text = "\n".join(_template(part) for part in parts)
+    text = "\n".join(template(f"c/{part}") for part in parts)
     text = text.replace("/* @tables@ */", "\n".join(_tables(request.model)))
     return text.replace("/* @kernels@ */", "\n".join(kernels))
 

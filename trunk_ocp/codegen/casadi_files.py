@@ -9,10 +9,11 @@ import casadi as ca
 
 from . import casadi_function
 from .headers import header, template
-from .numpy_module import CHECK, check_text, run_check
+from .numpy_module import CHECK, check_text
 from .request import Request
+from .run_checks import run_python
 
-check_casadi = run_check
+check_casadi = run_python
 
 
 def functions(request: Request) -> dict[str, ca.Function]:
@@ -32,14 +33,15 @@ def functions(request: Request) -> dict[str, ca.Function]:
 def write_casadi(request: Request) -> dict[str, str | bytes]:
     """Files of the export: one for each function, a self-check that needs only CasADi, README."""
     files: dict[str, str | bytes] = {
-        f"{name}.casadi": _saved(function) for name, function in functions(request).items()
+        f"{name}.casadi": saved(function) for name, function in functions(request).items()
     }
     files[CHECK] = check_text("casadi")
     files["README.txt"] = header(request) + template("casadi/README.txt")
     return files
 
 
-def _saved(function: ca.Function) -> bytes:
+def saved(function: ca.Function) -> bytes:
+    """Content of a function's file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "function.casadi"
         function.save(str(path))

@@ -128,10 +128,8 @@ def resolved(model: Model) -> Model:
     InputError
         If no mesh does.
     """
-    for elements in (
-        model.elements,
-        *(count for count in ELEMENT_COUNTS if count > model.elements),
-    ):
+    finer_counts = [count for count in ELEMENT_COUNTS if count > model.elements]
+    for elements in (model.elements, *finer_counts):
         finer = replace(model, elements=elements)
         x = cases(finer)
         expected = reference(finer, x)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from .._support.arguments import check_arguments
 from .._support.atomic_files import alone
 from .._support.ranges import shown
+from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, check_contact
@@ -162,10 +162,9 @@ def check_export(folder: str | Path, to: str, what: str = "jacobian") -> str:
     ToolMissingError
         If a required program or package is not installed; the message says how to install it.
     """
-    if to not in FORMATS:
-        raise InputError(f"to = {shown(to)}: expected one of {', '.join(FORMATS)}.")
+    form = _format(to)
     try:
-        return FORMATS[to].check(Path(folder), what)
+        return form.check(Path(folder), what)
     except FileNotFoundError as error:
         raise InputError(
             f"{error.filename}: no such file; expected the folder of an export to {to}."
@@ -183,53 +182,48 @@ def build_request(
     elements: int = MIN_ELEMENTS,
 ) -> Request:
     """Request with the validated arguments of `export`."""
-    if to not in FORMATS:
-        close = difflib.get_close_matches(to, FORMATS, 1)
-        hint = f" Did you mean {close[0]}?" if close else ""
-        raise InputError(f"--to {to}: expected one of {', '.join(FORMATS)}.{hint}")
+    form = _format(to)
     motion = subject if isinstance(subject, Motion) else None
-    _check_options(to, what, at, second, muscle, motion)
     trunk = subject.trunk if isinstance(subject, Motion) else subject
     gravity = motion.gravity if motion else Loads().gravity
     contact = contact_from if contact_from is not None or not motion else motion.contact_from
     if contact is not None:
         check_contact(trunk, contact)
     model = build_model(trunk, at, Loads(gravity, contact_from=contact), elements)
-    if what != "constraints" and to in _SHAPES:
-        model = resolved(model)
     name = motion.name if motion else trunk.name
-    return Request(model, what, name, second, muscle, motion)
+    request = Request(model, what, name, second, muscle, motion)
+    _check_options(request, form, at)
+    shapes = what != "constraints" and to in _SHAPES
+    return replace(request, model=resolved(model)) if shapes else request
 
 
-def _check_options(
-    to: str,
-    what: str,
-    at: Sequence[float],
-    second: bool,
-    muscle: str | None,
-    motion: Motion | None,
-) -> None:
+def _format(to: str) -> Format:
+    """The format of a name; InputError if there is none."""
+    if to not in FORMATS:
+        hint = suggestion(to, FORMATS, similarity=0.5)  # of "C++" and "c"
+        raise InputError(f"--to {shown(to)}: expected one of {', '.join(FORMATS)}.{hint}")
+    return FORMATS[to]
+
+
+def _check_options(request: Request, form: Format, at: Sequence[float]) -> None:
     """Raise InputError for options that do not fit together."""
-    form = FORMATS[to]
+    what, muscle, motion = request.what, request.muscle, request.motion
     if what not in form.supports:
         others = [name for name, other in FORMATS.items() if what in other.supports]
         raise InputError(
-            f"--what {what}: {to} ({form.about}) does not support it; expected "
+            f"--what {what}: {form.name} ({form.about}) does not support it; expected "
             f"--what {' or '.join(form.supports)}, or --to {', '.join(others) or 'another format'}."
         )
     constraints = what == "constraints"
-    faults = [
-        (constraints and motion is None, "--what constraints: expected a problem, not an anatomy"),
-        (
-            constraints and len(at) > 0,
-            "--at: not for --what constraints, whose points are those of its targets",
-        ),
-        (
-            second and not (what == "jacobian" and to in _SHAPES),
-            f"--second: expected with --what jacobian and --to {', '.join(_SHAPES)}",
-        ),
-        (muscle is not None and not form.formulas, "--muscle: expected with --to sympy or latex"),
-    ]
-    for applies, fault in faults:
+    second_fits = what == "jacobian" and form.name in _SHAPES
+    faults = {
+        "--what constraints: expected a problem, not an anatomy": constraints and not motion,
+        "--at: not for --what constraints, whose points are those of its targets": constraints
+        and len(at) > 0,
+        f"--second: expected with --what jacobian and --to {', '.join(_SHAPES)}": request.second
+        and not second_fits,
+        "--muscle: expected with --to sympy or latex": muscle is not None and not form.formulas,
+    }
+    for fault, applies in faults.items():
         if applies:
             raise InputError(f"{fault}.")

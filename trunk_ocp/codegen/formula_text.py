@@ -20,22 +20,14 @@ from .notation import SCALARS, Formula, tex
 MAX_ROW = 260
 """Characters of LaTeX in one row; a longer sum is broken."""
 
-_UNITS = {
-    "R_0": "m",
-    "R_1": "m",
-    "R_2": "m",
-    "Theta_1": "rad",
-    "Theta_2": "rad",
-    "alpha_2": "rad",
-    "k": "m^{-1}",
-    "h": "m^{-1}",
-    "delta_0": "m^2",
-    "delta_1": "m^3",
-    "delta_3": "m^3",
-    "c_1_gamma": "m^{-1}",
-    "c_2_gamma": "m^{-1}",
-    "c_3_gamma": "m^{-1}",
+_NAMES_BY_UNIT = {
+    "m": "R_0 R_1 R_2",
+    "rad": "Theta_1 Theta_2 alpha_2",
+    "m^{-1}": "k h c_1_gamma c_2_gamma c_3_gamma",
+    "m^2": "delta_0",
+    "m^3": "delta_1 delta_3",
 }
+_UNITS = {name: unit for unit, names in _NAMES_BY_UNIT.items() for name in names.split()}
 _FIBER = {
     "radial": "Radial fibers stay across the axis in spite of the taper (eq.~(19)); their direction"
     r" $\mathbf{D}$ enters eq.~(6) by",

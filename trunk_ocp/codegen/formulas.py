@@ -5,10 +5,8 @@ Both are printed from the expressions of `closed_forms`. SymPy is an optional de
 
 from __future__ import annotations
 
-import difflib
 import re
 import shutil
-import sys
 import tempfile
 from importlib import import_module, util
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.activation import radial_integrals, strain_matrix, strains
 from ..model.anatomy import Muscle, Trunk
@@ -23,7 +22,7 @@ from ..model.quaternions import directors
 from ..rod.unloaded import unloaded_states
 from .headers import template
 from .request import CheckError, Request, ToolMissingError
-from .run_checks import in_a_copy, run
+from .run_checks import run, run_python
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -73,8 +72,7 @@ def check_sympy(folder: Path) -> str:
     """
     if util.find_spec("sympy") is None:
         raise ToolMissingError(SYMPY_MISSING)
-    with in_a_copy(folder) as copy:
-        return run([sys.executable, "check_formulas.py"], copy)
+    return run_python(folder, "check_formulas.py")
 
 
 def check_latex(folder: Path) -> str:
@@ -113,11 +111,8 @@ def _muscle(request: Request) -> Muscle:
             return muscle
     if request.muscle is None:
         raise InputError(f"--muscle: formulas are for one muscle; {trunk.name} has {_all(trunk)}.")
-    word = request.muscle[:100]
-    known = {name.lower(): name for name in trunk.muscles}
-    close = difflib.get_close_matches(word.lower(), known, n=1)
-    hint = f" Did you mean {known[close[0]]}?" if close else f" It has {_all(trunk)}."
-    raise InputError(f"--muscle {word!r}: not a muscle of {trunk.name}.{hint}")
+    hint = suggestion(request.muscle, trunk.muscles) or f" It has {_all(trunk)}."
+    raise InputError(f"--muscle {request.muscle[:100]!r}: not a muscle of {trunk.name}.{hint}")
 
 
 def _all(trunk: Trunk) -> str:

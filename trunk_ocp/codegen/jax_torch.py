@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import importlib.util
+from functools import partial
 from pathlib import Path
 
 from .headers import template
-from .numpy_module import CHECK, NAME, check_text, module_text, run_check
+from .numpy_module import CHECK, NAME, check_text, module_text
 from .request import Request, ToolMissingError
+from .run_checks import run_python
 
 
-def write_jax(request: Request) -> dict[str, str | bytes]:
-    """Files of a JAX export: wrapper, the NumPy module that it wraps, and a self-check."""
-    return _files(request, "jax")
+def _files(package: str, request: Request) -> dict[str, str | bytes]:
+    """Files of an export: wrapper, the NumPy module that it wraps, and a self-check."""
+    return {
+        f"trunk_{package}.py": template(f"python/{package}_wrapper.py"),
+        NAME: module_text(request),
+        CHECK: check_text(package),
+    }
 
 
-def write_torch(request: Request) -> dict[str, str | bytes]:
-    """Files of a PyTorch export; as `write_jax`."""
-    return _files(request, "torch")
-
-
-def check_jax(folder: Path) -> str:
-    """Run the self-check of a JAX export; returns its output.
+def _check(package: str, folder: Path) -> str:
+    """Run the self-check of an export; returns its output.
 
     Raises
     ------
@@ -30,25 +31,12 @@ def check_jax(folder: Path) -> str:
     CheckError
         If the wrapper does not reproduce the check files.
     """
-    return _check(folder, "jax")
-
-
-def check_torch(folder: Path) -> str:
-    """Run the self-check of a PyTorch export; as `check_jax`."""
-    return _check(folder, "torch")
-
-
-def _files(request: Request, package: str) -> dict[str, str | bytes]:
-    return {
-        f"trunk_{package}.py": template(f"python/{package}_wrapper.py"),
-        NAME: module_text(request),
-        CHECK: check_text(package),
-    }
-
-
-def _check(folder: Path, package: str) -> str:
     if importlib.util.find_spec(package) is None:
         raise ToolMissingError(
             f"Checking this export needs the package {package}: pip install {package}"
         )
-    return run_check(folder)
+    return run_python(folder)
+
+
+write_jax, check_jax = partial(_files, "jax"), partial(_check, "jax")
+write_torch, check_torch = partial(_files, "torch"), partial(_check, "torch")

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 import tempfile
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,11 +32,12 @@ from ..nlp.window import Window
 from ..planning.decided_steps import DecidedSteps
 from ..planning.options import Options, first_mesh
 from ..planning.planning_run import PlanningRun
+from .casadi_files import saved
 from .escaping import in_comment
 from .headers import template
 from .nlp_export_layout import layout
 from .request import Request
-from .run_checks import build_mex, in_a_copy, run, run_octave, tool
+from .run_checks import run_c, run_mex, run_python
 
 CHECK = "nlp_check.csv"
 PERTURBATION = 0.05
@@ -137,24 +137,15 @@ def export_nlp(request: Request) -> Exported:
 def write_nlp_casadi(request: Request) -> dict[str, str | bytes]:
     """One CasADi file for each of nlp and its derivatives, and programs that load them."""
     exported = export_nlp(request)
-    files: dict[str, str | bytes] = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for name in ("nlp", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l"):
-            path = Path(folder) / f"{name}.casadi"
-            exported.functions[name].save(str(path))
-            files[path.name] = path.read_bytes()
-    for name in ("solve.py", "check.py"):
-        files[name] = _template(name, exported)
-    return files | exported.tables()
+    names = ("nlp", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
+    functions = {f"{name}.casadi": saved(exported.functions[name]) for name in names}
+    return functions | _texts(exported, "solve.py", "check.py")
 
 
 def write_nlp_c(request: Request) -> dict[str, str | bytes]:
     """C99 by CasADi's code generator, bounds and start as arrays, example, check, CMake file."""
     exported = export_nlp(request)
-    files = _c_files(exported)
-    for name in ("example.c", "check.c", "CMakeLists.txt"):
-        files[name] = _template(name, exported)
-    return files | exported.tables()
+    return _c_files(exported) | _texts(exported, "example.c", "check.c", "CMakeLists.txt")
 
 
 def write_nlp_mex(request: Request) -> dict[str, str | bytes]:
@@ -163,10 +154,12 @@ def write_nlp_mex(request: Request) -> dict[str, str | bytes]:
     CasADi's own gateway would need 3.4 MB of stack for pick-fruit, and a macro in Octave.
     """
     exported = export_nlp(request)
-    files = _c_files(exported)
-    for name in ("nlp_mex.c", "nlp.m", "nlp_example.m", "check.m"):
-        files[name] = _template(name, exported)
-    return files | exported.tables()
+    return _c_files(exported) | _texts(exported, "nlp_mex.c", "nlp.m", "nlp_example.m", "check.m")
+
+
+def _texts(exported: Exported, *names: str) -> dict[str, str | bytes]:
+    """Files from templates, and those of every format."""
+    return {**{name: _template(name, exported) for name in names}, **exported.tables()}
 
 
 def _c_files(exported: Exported) -> dict[str, str | bytes]:
@@ -227,45 +220,14 @@ def _c(values: np.ndarray) -> str:
     return ",\n".join(", ".join(texts[i : i + 8]) for i in range(0, len(texts), 8))
 
 
-# --- checks --------------------------------------------------------------------------
-
-
-def check_nlp_casadi(folder: Path) -> str:
-    """Run the self-check of a CasADi export; returns its output.
-
-    Raises
-    ------
-    CheckError
-        If it disagrees with the check file.
-    """
-    with in_a_copy(folder) as copy:
-        return run([sys.executable, "check.py"], copy)
+check_nlp_casadi = run_python
 
 
 def check_nlp_c(folder: Path) -> str:
-    """Compile a C export with all warnings as errors, and run its self-check; returns the output.
-
-    Raises
-    ------
-    CheckError, ToolMissingError
-        If it disagrees with the check file, or there is no C compiler.
-    """
-    compiler = tool("cc", "a C compiler", "apt-get install gcc")
-    strict = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
-    with in_a_copy(folder) as copy:
-        sources = ["check.c", "nlp.c", "nlp_data.c"]
-        run([compiler, *strict, "-o", "check", *sources, "-lm"], copy)
-        return run([str(copy / "check")], copy)
+    """Compile and run the self-check of a C export; returns its output, and raises as `run_c`."""
+    return run_c(folder, "nlp.c", "nlp_data.c")
 
 
 def check_nlp_mex(folder: Path) -> str:
-    """Compile a MEX export and run its self-check in Octave; returns the output.
-
-    Raises
-    ------
-    CheckError, ToolMissingError
-        If it disagrees with the check file, or Octave or its compiler is missing.
-    """
-    with in_a_copy(folder) as copy:
-        build_mex(copy, "nlp", ["nlp_mex.c", "nlp.c", "nlp_data.c"])
-        return run_octave(copy, "check")
+    """Compile and run the self-check of a MEX export; returns its output, raises as `run_mex`."""
+    return run_mex(folder, "nlp", "nlp_mex.c", "nlp.c", "nlp_data.c")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import fields
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -15,7 +13,7 @@ from . import rod_space_axes as kernels
 from .escaping import python_literal
 from .headers import header, template
 from .request import Request
-from .run_checks import in_a_copy, run
+from .run_checks import run_python
 from .shape_model import OUTPUTS, Model
 
 NAME = "trunk_numpy.py"
@@ -49,19 +47,7 @@ def check_text(format_name: str) -> str:
     return f"{before}{_body(template(f'python/check_{format_name}.py'))}\n{after}"
 
 
-def run_check(folder: Path) -> str:
-    """Run the self-check of a Python export; returns its output.
-
-    Raises
-    ------
-    CheckError
-        If the export does not reproduce its check files.
-    """
-    with in_a_copy(folder) as copy:
-        return run([sys.executable, CHECK], copy)
-
-
-check_numpy = run_check
+check_numpy = run_python
 
 
 def _body(text: str) -> str:
@@ -70,11 +56,7 @@ def _body(text: str) -> str:
 
 
 def _kernels(request: Request) -> list[ca.Function]:
-    moving = [
-        kernels.base(request.model.trunk.head),
-        kernels.rates(),
-        kernels.report(),
-    ]
+    moving = [kernels.base(request.model.trunk.head), kernels.rates(), kernels.report()]
     closed = [kernels.turn(), kernels.spiral()]
     second = [kernels.second_along(kernel) for kernel in moving] if request.second else []
     return [*(kernels.with_slopes(kernel) for kernel in moving + closed), *second]

@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 from .manifest import NAMES
 from .request import CheckError, ToolMissingError
 
+STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror")
 TIMEOUT = 120.0
 """Seconds after which a check is stopped."""
 
@@ -100,3 +102,48 @@ def run_octave(folder: Path, script: str) -> str:
     octave = tool("octave", "GNU Octave", OCTAVE)
     quiet = ["--no-gui", "--norc", "--quiet", "--no-history"]
     return run([octave, *quiet, "--eval", script], folder, HOME=str(folder))
+
+
+def run_python(folder: Path, script: str = "check.py") -> str:
+    """Run the self-check of a Python export in a copy of it; returns its output.
+
+    Raises
+    ------
+    CheckError
+        If the export does not reproduce its check files.
+    """
+    with in_a_copy(folder) as copy:
+        return run([sys.executable, script], copy)
+
+
+def run_c(folder: Path, *sources: str) -> str:
+    """Compile check.c with other sources in a copy of an export, and run it; returns its output.
+
+    Warnings of the compiler are errors.
+
+    Raises
+    ------
+    ToolMissingError
+        If there is no C compiler.
+    CheckError
+        If the program does not compile, or does not reproduce the check files.
+    """
+    compiler = tool("cc", "a C compiler", "apt-get install gcc")
+    with in_a_copy(folder) as copy:
+        run([compiler, *STRICT, "-O2", "-o", "check", "check.c", *sources, "-lm"], copy)
+        return run([str(copy / "check")], copy)
+
+
+def run_mex(folder: Path, name: str, *sources: str) -> str:
+    """Compile a MEX file with Octave's compiler, and run check.m; returns its output.
+
+    Raises
+    ------
+    ToolMissingError
+        If Octave or its compiler is not installed.
+    CheckError
+        If it does not compile, or does not reproduce the check files.
+    """
+    with in_a_copy(folder) as copy:
+        build_mex(copy, name, sources)
+        return run_octave(copy, "check")

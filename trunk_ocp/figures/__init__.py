@@ -8,20 +8,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..analysis.lookahead_study import Foresight
-from ..model.anatomy import Trunk
 from ..planning.plan import Plan
 from .activations import draw_activations
-from .anatomy import draw_anatomy as _draw_anatomy
-from .comparison import draw_two_plans
+from .anatomy import draw_anatomy
+from .comparison import draw_comparison
 from .errors import draw_errors
 from .film import write_film
-from .lookahead import draw_foresight as _draw_foresight
-from .lookahead import draw_front, draw_survey
+from .lookahead import draw_foresight, draw_front, draw_survey
 from .muscles import draw_muscles
 from .shapes import draw_shapes
+from .style import FORMATS
 
 __all__ = [
+    "FORMATS",
     "draw",
     "draw_anatomy",
     "draw_comparison",
@@ -31,7 +30,6 @@ __all__ = [
     "write_film",
 ]
 
-FORMATS = ("pdf", "png")
 PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # slowest first
 
 
@@ -43,32 +41,3 @@ def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> li
     not converge, the planned steps are drawn.
     """
     return [file for part in PARTS for file in part(plan, Path(folder), formats)]
-
-
-def draw_comparison(
-    sequential: Plan, horizon: Plan, folder: str | Path, formats: Sequence[str] = FORMATS
-) -> list[Path]:
-    """Draw two plans of one motion over each other; activations and J_T (eq. 42) have no unit.
-
-    In addition to the paper's figures 4d, 6c and 8f: the largest change between steps, and the
-    number of muscles at their bound. Returns the files written.
-    """
-    return draw_two_plans(sequential, horizon, Path(folder), formats)
-
-
-def draw_anatomy(trunk: Trunk, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Draw the muscles of a trunk: cross-sections in cm, bodies in m (figs. 3b-d).
-
-    Returns the files written.
-    """
-    return _draw_anatomy(trunk, Path(folder), formats)
-
-
-def draw_foresight(
-    result: Foresight, folder: str | Path, formats: Sequence[str] = FORMATS
-) -> list[Path]:
-    """Draw the result of `foresight`: costs against lookahead, and each planning method over time.
-
-    Returns the files written.
-    """
-    return _draw_foresight(result, Path(folder), formats)

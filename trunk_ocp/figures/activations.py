@@ -62,8 +62,7 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
     for row, group in enumerate(groups(trunk)):
         for segment in range(trunk.segments):
             axes = panels[row, segment]
-            _label(axes, plan, row, segment, len(panels))
-            style.note_if_empty(axes, trunk, group, segment)
+            frame_panel(axes, plan, row, segment, len(panels))
             for index, muscle in style.muscles_of(trunk, group, segment):
                 line = style.SIDES[muscle.side][1]
                 color = group_colors(trunk)[group]
@@ -74,7 +73,10 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
         panels[0, 0].set_ylim(*activation_range([plan]))  # shared by all panels
 
 
-def _label(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
+def frame_panel(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
+    """Shade the phases of a panel, and label it if it is at the top or at the bottom."""
+    trunk = plan.motion.trunk
+    style.note_if_empty(axes, trunk, groups(trunk)[row], segment)
     style.shade_phases(axes, plan.motion, end_of(plan))
     if row == 0:
         axes.set_title(f"segment {segment + 1}")
@@ -149,12 +151,19 @@ def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
     axes.set_ylabel(HEAD_NAMES[index])
 
 
+def line_keys() -> list[Line2D]:
+    """Legend entries for the lines of both sides and of bounds."""
+    return [
+        Line2D([], [], color=style.INK, label="right"),
+        Line2D([], [], color=style.INK, linestyle=":", label="left"),
+        Line2D([], [], **style.BOUND, label="bound"),
+    ]
+
+
 def _legend(figure: Figure, motion: Motion) -> None:
     ink = style.INK
     handles = [
-        Line2D([], [], color=ink, label="right"),
-        Line2D([], [], color=ink, linestyle=":", label="left"),
-        Line2D([], [], **style.BOUND, label="bound"),
+        *line_keys(),
         Line2D([], [], color=ink, marker=".", linestyle="", markersize=3, label="time step"),
         Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8,
                label="at the bound of contraction"),

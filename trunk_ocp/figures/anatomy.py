@@ -30,8 +30,13 @@ SEGMENT_GAP = 0.12  # of the trunk's length, between exploded segments
 MUSCLE_OFFSET = 1.1  # of the base radius; how far exploded muscles move outward
 
 
-def draw_anatomy(trunk: Trunk, folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw cross-sections in cm (fig. 3b), dorsal views (fig. 3c), an exploded view (fig. 3d)."""
+def draw_anatomy(
+    trunk: Trunk, folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw the muscles of a trunk: cross-sections in cm, bodies in m (figs. 3b-d).
+
+    Returns the files written.
+    """
     with style.styled():
         paths = style.save(sections_figure(trunk), folder, "anatomy-sections", formats)
         if trunk.subdomains:

@@ -18,21 +18,25 @@ from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
-from .activations import activation_range, draw_bounds
+from .activations import activation_range, draw_bounds, frame_panel, line_keys
 
 SEQUENTIAL, HORIZON = "#9A9A9A", "#000000"
 
 
-def draw_two_plans(
-    sequential: Plan, horizon: Plan, folder: Path, formats: Sequence[str]
+def draw_comparison(
+    sequential: Plan, horizon: Plan, folder: str | Path, formats: Sequence[str] = style.FORMATS
 ) -> list[Path]:
-    """Draw two plans of one motion over each other; activations and J_T have no unit (eq. 42)."""
+    """Draw two plans of one motion over each other; activations and J_T (eq. 42) have no unit.
+
+    In addition to the paper's figures 4d, 6c and 8f: the largest change between steps, and the
+    number of muscles at their bound. Returns the files written.
+    """
     with style.styled():
         return style.save(comparison_figure(sequential, horizon), folder, "comparison", formats)
 
 
 def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
-    """The figure that `draw_two_plans` writes."""
+    """The figure that `draw_comparison` writes."""
     trunk = horizon.motion.trunk
     rows = len(groups(trunk))
     height = 25.0 * rows + 38 + 26
@@ -61,12 +65,7 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
     for row, group in enumerate(groups(trunk)):
         for segment in range(trunk.segments):
             axes: Axes = panels[row, segment]
-            style.shade_phases(axes, longest.motion, end_of(longest))
-            if row == 0:
-                axes.set_title(f"segment {segment + 1}")
-            if row == len(panels) - 1:
-                axes.set_xlabel("time (s)")
-            style.note_if_empty(axes, trunk, group, segment)
+            frame_panel(axes, longest, row, segment, len(panels))
             for index, muscle in style.muscles_of(trunk, group, segment):
                 for plan, times, values in drawn:
                     horizon = plan is plans[1]
@@ -119,9 +118,4 @@ def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
         at_bound = f"{time_at_bounds(plan):.2g} muscle-seconds at the bound of contraction"
         label = f"{plan.mode}: J = {cost}, {at_bound}"
         handles.append(Line2D([], [], color=color, marker="o", markersize=2.5, label=label))
-    lines: list[Artist] = [
-        Line2D([], [], color=style.INK, label="right"),
-        Line2D([], [], color=style.INK, linestyle=":", label="left"),
-        Line2D([], [], **style.BOUND, label="bound"),
-    ]
-    style.legend_below_title(figure, handles, [*lines, *style.phase_patches(plans[1].motion)])
+    style.legend_below_title(figure, handles, [*line_keys(), *style.phase_patches(plans[1].motion)])

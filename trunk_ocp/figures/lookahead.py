@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -29,20 +28,29 @@ CURVES = (
 SOLVED = Status.SOLVED.name.lower()
 
 
-def draw_foresight(result: Foresight, folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw costs against lookahead, and four planning methods over time."""
+def draw_foresight(
+    result: Foresight, folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw costs against lookahead, and four planning methods over time.
+
+    Returns the files written.
+    """
     with style.styled():
         return style.save(lookahead_figure(result), folder, "comparison", formats)
 
 
-def draw_survey(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw the result of `survey`: objective and smoothness against lookahead, for each limit."""
+def draw_survey(
+    data: Mapping[str, Any], folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw the result of `survey_limits`: cost and smoothness against lookahead, by limits."""
     with style.styled():
         return style.save(survey_figure(data), folder, f"foresight-{data['problem']}", formats)
 
 
-def draw_front(data: Mapping[str, Any], folder: Path, formats: Sequence[str]) -> list[Path]:
-    """Draw the result of `front`: tracking against smoothness, blind and with a horizon."""
+def draw_front(
+    data: Mapping[str, Any], folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
+    """Draw the result of `smoothness_tradeoff`: tracking against smoothness."""
     with style.styled():
         return style.save(front_figure(data), folder, f"front-{data['problem']}", formats)
 
@@ -51,9 +59,8 @@ def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
     height = 112.0
     figure = style.new_figure(height)
-    style.headline(
-        figure, f"{style.title(result.motion)}: benefit of lookahead{_limits_title(result)}"
-    )
+    title = f"{style.title(result.motion)}: benefit of lookahead"
+    style.headline(figure, f"{title} ({_limits(result.limits)})")
     panels = figure.subplots(2, 3)
     figure.subplots_adjust(
         left=0.09, right=0.985, top=1 - 18 / height, bottom=10 / height, wspace=0.42, hspace=0.32
@@ -64,21 +71,17 @@ def lookahead_figure(result: Foresight) -> Figure:
     methods = _methods(result)
     _over_time(list(panels[1]), list(methods.values()))
     lines = [Line2D([], [], color=color, label=name) for name, (_, color) in methods.items()]
-    marks: list[Artist] = [
+    style.legend_below_title(figure, lines, [*_mark_keys(), *style.phase_patches(result.motion)])
+    return figure
+
+
+def _mark_keys() -> list[Line2D]:
+    """Legend entries for the circles of `_marks`."""
+    return [
         Line2D([], [], color=style.INK, marker="o", markersize=3, label="all targets reached"),
         Line2D([], [], color=style.INK, marker="o", markersize=3, markerfacecolor="white",
                label="some target missed, or not solved"),
     ]  # fmt: skip
-    style.legend_below_title(figure, lines, [*marks, *style.phase_patches(result.motion)])
-    return figure
-
-
-def _limits_title(result: Foresight) -> str:
-    """The limits as text for a title."""
-    activation, rate = result.limits["activation"], result.limits["rate"]
-    words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
-    words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
-    return f" ({', '.join(words)})" if words else ""
 
 
 def _methods(result: Foresight) -> dict[str, tuple[Plan, str]]:
@@ -97,7 +100,8 @@ def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
     measured = [result.measures[f"lookahead {H}"] for H in lookaheads]
     values = [float(getattr(measures, name)) for measures in measured]
     axes.plot(lookaheads, values, color=style.INK, zorder=3, gid=name)
-    _marks(axes, lookaheads, values, [measures.status for measures in measured])
+    statuses = [measures.status for measures in measured]
+    _marks(axes, zip(lookaheads, values, statuses, strict=True))
     for method, color in (("paper", PAPER), ("paper, same cost", COSTED)):
         value = float(getattr(result.measures[method], name))
         axes.axhline(value, color=color, zorder=2, gid=method)
@@ -109,15 +113,9 @@ def _against_lookahead(axes: Axes, result: Foresight, name: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
 
 
-def _marks(
-    axes: Axes,
-    lookaheads: Sequence[int],
-    values: Sequence[float],
-    statuses: Sequence[str],
-    color: Any = style.INK,
-) -> None:
-    """A filled circle where all targets are reached, an open one elsewhere."""
-    for H, value, status in zip(lookaheads, values, statuses, strict=True):
+def _marks(axes: Axes, points: Iterable[tuple[int, float, str]], color: Any = style.INK) -> None:
+    """A filled circle at each lookahead and value whose status is solved, an open one elsewhere."""
+    for H, value, status in points:
         face = color if status == SOLVED else "white"
         axes.plot(H, value, "o", color=color, markerfacecolor=face, markersize=3, zorder=4)
 
@@ -159,7 +157,7 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
         left=0.08, right=0.73, top=1 - 8 / height, bottom=10 / height, wspace=0.34
     )
     colors = matplotlib.colormaps["viridis"](np.linspace(0, 0.92, max(len(cells), 2)))
-    handles: list[Artist] = []
+    handles: list[Line2D] = []
     for cell, color in zip(cells, colors, strict=False):
         plans = cell["lookaheads"]
         lookaheads = [int(H) for H in plans]
@@ -169,8 +167,8 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
         variation = [plan["total_variation"] for plan in plans.values()]
         for axes, values in ((left, excess), (right, variation)):
             axes.plot(lookaheads, values, color=color, zorder=3)
-            _marks(axes, lookaheads, values, statuses, color)
-        label = _limits_label(cell["limits"])
+            _marks(axes, zip(lookaheads, values, statuses, strict=True), color)
+        label = _limits(cell["limits"])
         handles.append(Line2D([], [], color=color, marker="o", markersize=3, label=label))
     left.axhline(1.0, **style.BOUND)
     left.set_yscale("symlog", linthresh=1.0)
@@ -182,13 +180,17 @@ def survey_figure(data: Mapping[str, Any]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("lookahead (time steps)")
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    best = Line2D([], [], **style.BOUND, label="1 % over the best horizon")
+    handles += [best, *_mark_keys()]
     figure.legend(handles=handles, loc="center left", bbox_to_anchor=(0.735, 0.5))
     return figure
 
 
-def _limits_label(limits: Mapping[str, float | None]) -> str:
-    words = [f"|act.| $\\leq$ {limits['activation']:g}"] if limits["activation"] else []
-    words += [f"rate $\\leq$ {limits['rate']:g}/s"] if limits["rate"] else []
+def _limits(limits: Mapping[str, float | None]) -> str:
+    """Limits on strength and speed in words."""
+    activation, rate = limits["activation"], limits["rate"]
+    words = [f"|activation| $\\leq$ {activation:g}"] if activation is not None else []
+    words += [f"rate $\\leq$ {rate:g}/s"] if rate is not None else []
     return ", ".join(words) or "own bounds"
 
 

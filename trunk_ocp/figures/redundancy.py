@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ..analysis.redundancy import Redundancy
+from ..analysis.redundancy.report import Redundancy
 from ..planning.plan import Plan
 from ..scene.colors import group_colors, groups
 from ..scene.moments import end_of
@@ -22,7 +22,9 @@ PALE, DARK = 0.22, 0.5  # fraction of color in a band; opaque, to hide the shadi
 ROW_HEIGHT = 13.5  # mm
 
 
-def draw_redundancy(redundancy: Redundancy, folder: Path, formats: Sequence[str]) -> list[Path]:
+def draw_redundancy(
+    redundancy: Redundancy, folder: str | Path, formats: Sequence[str] = style.FORMATS
+) -> list[Path]:
     """Draw ranges, plan and least effort of every muscle (activation, no unit) over time.
 
     Rows are sides of muscle groups, columns segments; contraction upward. Bands are exact at time

@@ -33,6 +33,7 @@ INK = "#222222"
 FAINT = "#8A8A8A"
 BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2))}
 
+FORMATS = ("pdf", "png")
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
 MAX_PIXELS = 30_000  # on either side of an image; the renderer's limit is 65,535
@@ -88,12 +89,12 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return Figure(figsize=(width * MM, height * MM))
 
 
-def save(figure: Figure, folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
+def save(figure: Figure, folder: str | Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Write a figure in every format; the same figure always gives the same bytes."""
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     paths = []
     for kind in formats:
-        path = folder / f"{name}.{kind}"
+        path = Path(folder) / f"{name}.{kind}"
         with replacing(path) as unfinished:
             dots = min(LOOK["savefig.dpi"], MAX_PIXELS / max(figure.get_size_inches()))
             figure.savefig(unfinished, format=kind, dpi=dots, metadata=undated.get(kind))

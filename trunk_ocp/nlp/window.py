@@ -365,7 +365,7 @@ class Window:
             full[D] = rows[reference.step - self.offset, 0, reference.director]
         return full
 
-    def unknowns_of(self, full: np.ndarray) -> np.ndarray:
+    def controls_of(self, full: np.ndarray) -> np.ndarray:
         """Activations and head angles of the steps, (H, muscles + 2)."""
         return np.stack([full[u.x] for u in self.unknowns])
 

@@ -16,7 +16,7 @@ from .plan import Plan
 from .planning_run import PlanningRun
 
 MAX_ROUNDS = 25
-"""Plans made with the same time steps to find out which gaps to keep; shipped motions need 2 to 4."""
+"""Plans with the same time steps that find out which gaps to keep; shipped motions need 2 to 4."""
 MAX_INSERTIONS = 3
 """How often time steps are inserted."""
 MAX_TIGHTENING = 5e-3

@@ -263,14 +263,8 @@ def _name(identity: dict[str, Any]) -> str:
 
 def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
     """Differences between two identities, a clause each."""
-    labels = {
-        "problem": "the problem",
-        "anatomy": "the anatomy",
-        "versions": "the version",
-        "options": "the options",
-    }
     clauses = []
-    for part, name in labels.items():
+    for part in ("problem", "anatomy", "versions", "options"):
         if f"{part}_sha256" in new and old.get(f"{part}_sha256") == new[f"{part}_sha256"]:
             continue
         # Compare no further than is shown, because an untrusted file may differ anywhere.
@@ -278,7 +272,7 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
         if differences:
             more = ["and more"] if len(differences) > MAX_CHANGES_SHOWN else []
             shown = [*differences[:MAX_CHANGES_SHOWN], *more]
-            clauses.append(f"{name} changed ({', '.join(shown)})")
+            clauses.append(f"the {part} changed ({', '.join(shown)})")
     if not clauses and old.get("steps") != new["steps"]:
         clauses.append("the time steps changed")
     if not clauses and old.get("start") != new["start"]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -34,6 +35,15 @@ class Trajectory:
     position: np.ndarray
     directors: np.ndarray
     moment: np.ndarray
+
+    @classmethod
+    def unknown(cls, count: int, Z: np.ndarray) -> Self:
+        """As many shapes without numbers: all are NaN."""
+        return cls(Z, *(np.full((count, Z.size, *n), np.nan) for n in ((3,), (3, 3), (3,))))
+
+    def fill(self, some: np.ndarray, values: Sequence[np.ndarray]) -> None:
+        """Set position, directors and moment of some of the rods."""
+        self.position[some], self.directors[some], self.moment[some] = values
 
 
 class Rods:
@@ -120,10 +130,14 @@ def integrate(
         Right-hand sides allowed in a segment; the result is NaN beyond a segment that needs more.
     """
     if not len(loads):
-        return Trajectory(Z, *(np.zeros((0, Z.size, *n)) for n in ((3,), (3, 3), (3,))))
+        return Trajectory.unknown(0, Z)
     finite = np.all(np.isfinite(np.hstack([x, moment])), axis=1)
     if not np.all(finite):
-        return _integrate_some(trunk, x, loads, moment, Z, finite, max_slopes)
+        path = Trajectory.unknown(len(loads), Z)
+        chosen = [load for load, keep in zip(loads, finite, strict=True) if keep]
+        known = integrate(trunk, x[finite], chosen, moment[finite], Z, max_slopes)
+        path.fill(finite, (known.position, known.directors, known.moment))
+        return path
     H, activation = len(loads), x[:, :-2]
     unit = np.ones((15, 1, 1))
     unit[:3], unit[12:] = trunk.length, stiffness(trunk, 0.0)[1] / trunk.length
@@ -138,35 +152,15 @@ def integrate(
         def slope(at: float, y: np.ndarray, rods: Rods = rods) -> np.ndarray:
             return (rods.rates(np.full(H, at), y.reshape(15, 1, H) * unit) / unit).ravel()
 
-        path = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes=max_slopes)
-        if path is None:
+        result = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes=max_slopes)
+        if result is None:
             break  # NaN from here on fails the check
-        values[inside] = path[0].reshape(-1, 15, 1, H)
-        state = path[1].reshape(15, 1, H)
+        values[inside] = result[0].reshape(-1, 15, 1, H)
+        state = result[1].reshape(15, 1, H)
     values = np.moveaxis((values * unit)[:, :, 0], 2, 0)
     values[:, Z <= 0, 12:] = moment[:, None]  # without the round-off of scaling
     directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
     return Trajectory(Z, values[..., :3], directors, values[..., 12:])
-
-
-def _integrate_some(
-    trunk: Trunk,
-    x: np.ndarray,
-    loads: Sequence[Loads],
-    moment: np.ndarray,
-    Z: np.ndarray,
-    some: np.ndarray,
-    max_slopes: int,
-) -> Trajectory:
-    """Integrate some of the rods; NaN for the others."""
-    chosen = [load for load, keep in zip(loads, some, strict=True) if keep]
-    path = integrate(trunk, x[some], chosen, moment[some], Z, max_slopes)
-    results = []
-    for part in (path.position, path.directors, path.moment):
-        padded = np.full((len(some), *part.shape[1:]), np.nan)
-        padded[some] = part
-        results.append(padded)
-    return Trajectory(Z, *results)
 
 
 def dop853(

@@ -86,7 +86,7 @@ class PlanningRun:
                 window, outcome = self._one_step(first, decided)
             else:
                 window, outcome = self._several_steps(first, last, decided, previous)
-            previous = window.unknowns_of(outcome.full)
+            previous = window.controls_of(outcome.full)
             self.keep(window, outcome, count if last == count else first + 1, decided)
             if self.checkpoint is not None and not self.stopped:
                 self.checkpoint.save(self.optimizer, previous)
@@ -96,7 +96,7 @@ class PlanningRun:
     def keep(self, window: Window, outcome: Outcome, until: int, decided: DecidedSteps) -> None:
         """Decide the steps of a solved window before step `until`."""
         take = until - window.offset
-        decided.x += list(window.unknowns_of(outcome.full)[:take])
+        decided.x += list(window.controls_of(outcome.full)[:take])
         decided.tip_forces += list(window.tip_forces_of(outcome.full)[:take])
         decided.states += list(window.states_of(outcome.full)[:take])
         directions = window.directions_of(outcome.full)
@@ -240,7 +240,7 @@ class PlanningRun:
             again = self._solve(window, np.zeros((1, self.controls)), detail)
             outcome = again if rank(again) < rank(outcome) else outcome
         decided.converged &= outcome.converged
-        decided.unloaded = window.unknowns_of(outcome.full)[0]
+        decided.unloaded = window.controls_of(outcome.full)[0]
         return decided.unloaded
 
     def plan(self, decided: DecidedSteps) -> Plan:

@@ -10,7 +10,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..nlp.violations import Violation
 from ..problem.motion import Bounds, Motion
 from .verification import BOUND_TOL
 
+T = TypeVar("T")
 MAX_TEXT = 8_000_000
 MAX_BRACKETS, MAX_COMMAS = 150_000, 600_000
 """Characters, brackets and commas of JSON texts; a solve has a bracket for each iteration."""
@@ -100,29 +101,27 @@ def count(value: Any, least: int = 0) -> int:
 
 def words(value: Any) -> str:
     """A string."""
-    if not isinstance(value, str):
-        raise InputError(f"{_shown(value)}: expected a string")
-    return value
+    return _of_type(str, value, "a string")
 
 
 def flag(value: Any) -> bool:
     """True or false."""
-    if type(value) is not bool:
-        raise InputError(f"{_shown(value)}: expected true or false")
-    return value
+    return _of_type(bool, value, "true or false")
 
 
 def entries(value: Any) -> list[Any]:
     """A list."""
-    if not isinstance(value, list):
-        raise InputError(f"{_shown(value)}: expected a list")
-    return value
+    return _of_type(list, value, "a list")
 
 
 def table(value: Any) -> dict[str, Any]:
     """A table of named values."""
-    if not isinstance(value, dict):
-        raise InputError(f"{_shown(value)}: expected named values")
+    return _of_type(dict, value, "named values")
+
+
+def _of_type(kind: type[T], value: Any, expected: str) -> T:
+    if not isinstance(value, kind):
+        raise InputError(f"{_shown(value)}: expected {expected}")
     return value
 
 

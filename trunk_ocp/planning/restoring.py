@@ -68,7 +68,7 @@ def restored(contents: Contents) -> Plan:
     muscles = motion.trunk.muscles
     if planned > len(motion.steps) or (muscles and contents.texts("muscle") != muscles):
         raise InputError("its time steps or muscles are not those of its problem")
-    x = _unknowns(contents, "", planned, len(muscles))
+    x = _controls(contents, "", planned, len(muscles))
     auxiliary = _auxiliary(contents, motion, x)
     tip_forces = _numbers(contents, "tip_force", planned, 3)
     loads = planned_loads(motion, tip_forces)
@@ -141,7 +141,7 @@ def _auxiliary(contents: Contents, motion: Motion, x: np.ndarray) -> dict[int, n
     numbers = [step - 1 for step in steps.tolist()]
     if len({*numbers}) != len(numbers) or not {*numbers} <= {*range(len(x))}:
         raise InputError("near_step: expected numbers of planned time steps")
-    rows = _unknowns(contents, "near_", len(numbers), len(motion.trunk.muscles))
+    rows = _controls(contents, "near_", len(numbers), len(motion.trunk.muscles))
     auxiliary = dict(zip(numbers, rows, strict=True))
     # A horizon that was stopped before its first window is the sequential plan that it starts from.
     stopped = contents.attributes["interrupted"] or contents.attributes.get("late", 0)
@@ -168,15 +168,10 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         "interrupted": bool(count(attributes["interrupted"])),
         "late": bool(count(attributes.get("late", 0))),
         "iterations": count(attributes["iterations"]),
-        **{
-            f"{name}_seconds": number(attributes[f"seconds_{key}"])
-            for name, key in (
-                ("setup", "setup"),
-                ("solve", "solve"),
-                ("derivative", "derivatives"),
-                ("total", "total"),
-            )
-        },
+        "setup_seconds": number(attributes["seconds_setup"]),
+        "solve_seconds": number(attributes["seconds_solve"]),
+        "derivative_seconds": number(attributes["seconds_derivatives"]),
+        "total_seconds": number(attributes["seconds_total"]),
         "notes": tuple(words(note) for note in entries(listed["notes"])),
         "solves": tuple(solve_of(record) for record in entries(listed["solves"])),
         "versions": {name: words(text) for name, text in named["versions"].items()},
@@ -184,7 +179,7 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _unknowns(contents: Contents, prefix: str, rows: int, muscles: int) -> np.ndarray:
+def _controls(contents: Contents, prefix: str, rows: int, muscles: int) -> np.ndarray:
     """Activations and head angles (rows, muscles + 2)."""
     activation = np.zeros((rows, 0))
     if muscles:  # an array of length 0 is left out of the file

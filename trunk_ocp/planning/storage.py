@@ -264,11 +264,7 @@ def _arrays(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
     """Arrays with their dimensions, units and meanings."""
     loads = plan.loads
     return {
-        "activation": (
-            ("time", "muscle"),
-            plan.activations,
-            {"long_name": "negative contracts"},
-        ),
+        "activation": (("time", "muscle"), plan.activations, {"long_name": "negative contracts"}),
         "head": (("time", "angle"), plan.head, {"units": "rad"}),
         "tip_force": (
             ("time", "axis"),
@@ -276,11 +272,7 @@ def _arrays(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
             {"units": "N", "long_name": "on the tip, pulls included"},
         ),
         "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
-        "contact_couple": (
-            ("time", "axis"),
-            [x.contact_couple for x in loads],
-            {"units": "N m"},
-        ),
+        "contact_couple": (("time", "axis"), [x.contact_couple for x in loads], {"units": "N m"}),
         "position": (
             ("time", "Z", "axis"),
             plan.shape.position(Z),

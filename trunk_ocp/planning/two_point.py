@@ -56,8 +56,7 @@ def equilibria(
         Activations and head angles.
     loads : one for each rod
     """
-    H = len(loads)
-    path = Trajectory(Z, *(np.full((H, Z.size, *n), np.nan) for n in ((3,), (3, 3), (3,))))
+    path = Trajectory.unknown(len(loads), Z)
     finite = np.isfinite(x).all(axis=1) & np.isfinite(shape.states).all(axis=(1, 2, 3))
     known = np.flatnonzero(finite)
     for first in range(0, known.size, GROUP_RODS):
@@ -87,7 +86,7 @@ def _solve_some(
         return None
     found = _TwoPoint.of(trunk, x[some], own_loads, part, nodes, units).solve(path.Z)
     if found is not None:
-        path.position[some], path.directors[some], path.moment[some] = found
+        path.fill(some, found)
     return None
 
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from .._support.arguments import check_arguments
 from .._support.toml_files import is_file, read_toml, shipped
+from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
@@ -164,7 +165,7 @@ def _box(
         if not matching.size:
             raise InputError(
                 f'{where}.muscles."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a name '
-                f"or pattern of {listed(trunk.muscles)}."
+                f"or pattern of {listed(trunk.muscles)}.{suggestion(pattern, trunk.muscles)}"
             )
         lower[matching], upper[matching] = pair
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):

@@ -45,7 +45,7 @@ def mirror_order(trunk: Trunk) -> np.ndarray:
     return np.array([places[partner] for partner in partners], dtype=int)
 
 
-def mirrored_unknowns(trunk: Trunk, x: np.ndarray) -> np.ndarray:
+def mirrored_controls(trunk: Trunk, x: np.ndarray) -> np.ndarray:
     """Activations and head angles (..., muscles + 2) in the mirror."""
     count = len(trunk.muscles)
     order = np.concatenate([mirror_order(trunk), [count, count + 1]]).astype(int)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._support.wording import rounded
 from ..model.activation import strain_matrix
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Vector, mass_beyond
@@ -84,7 +85,7 @@ def _of_anatomy(spec: AnatomySpec, gravity: float) -> Iterator[Finding]:
         )
     tip = spec.base_radius_over_length - math.tan(math.radians(spec.taper_deg))
     if tip < POINTED * spec.base_radius_over_length:
-        text = f"leaves a tip of radius {tip * spec.length:.2g} m, nearly a point, which bends"
+        text = f"leaves a tip of radius {rounded(tip * spec.length)} m, nearly a point, which bends"
         yield "taper_deg", spec.taper_deg, f"{text} without limit; write a smaller taper_deg"
     if 0 < spec.taper_deg < 0.15:
         yield "taper_deg", spec.taper_deg, _radians((spec.taper_deg,))
@@ -132,11 +133,7 @@ def _radians(values: Iterable[float]) -> str:
 def _of_problem(motion: Motion) -> Iterator[Finding]:
     spec = motion.spec
     if spec.gravity < 0:
-        yield (
-            "gravity",
-            spec.gravity,
-            "pulls upwards; +Z points down, so weight is positive",
-        )
+        yield "gravity", spec.gravity, "pulls upwards; +Z points down, so weight is positive"
     if abs(spec.gravity) > 100:
         unit, factor = ("cm", 1e-2) if abs(spec.gravity) < 3000 else ("mm", 1e-3)
         text = f"looks like {unit}/s^2; write {factor * spec.gravity:g} for m/s^2"
@@ -234,8 +231,8 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
                 f"{where}.path",
                 f"{len(points)} points",
                 "these are Bezier control points, of which the curve meets only the first and the "
-                f"last; it misses others by up to {away:.2g} m; for way points write through = "
-                "[...] in place of path",
+                f"last; it misses others by up to {rounded(away)} m; for way points write through "
+                "= [...] in place of path",
             )
     if place.through is not None:
         times, _ = way_points(place.through, phase)
@@ -366,7 +363,8 @@ def _too_far(phase: PhaseSpec, n: int, key: str, position: Vector, reach: float)
 
 
 def _unreachable(away: float, reach: float) -> str:
-    text = f"{away:.3g} m from the base at rest; this point reaches at most {reach:.3g} m"
+    far, near = rounded(away, 3), rounded(reach, 3)
+    text = f"{far} m from the base at rest; this point reaches at most {near} m"
     for unit, factor in (("cm", 1e-2), ("mm", 1e-3)):
         if 0.1 * reach < factor * away <= reach:
             return f"{text}; it looks like {unit}, write {factor:g} times the value for m"

@@ -18,6 +18,8 @@ from ..model.solids import from_head_frame, turn
 from ..rod.statics import solve_statics
 from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, WayPoint, WrapSpec
 
+MAX_WEIGHT_STRAIN = 10.0  # density g L / E of a passive trunk; 0.02 for the elephant's
+
 
 @dataclass(frozen=True)
 class HeldDirection:
@@ -98,7 +100,10 @@ def origins_of(spec: ProblemSpec, trunk: Trunk) -> dict[str, np.ndarray]:
 @lru_cache(maxsize=32)  # targets are built again for every small move of a control loop
 def _passive_tip(trunk: Trunk, gravity: float) -> Vector:
     """Position (3,) in m of the tip of the trunk at rest under its own weight."""
+    strain = trunk.density * abs(gravity) * trunk.length / trunk.youngs_modulus
     try:
+        if strain > MAX_WEIGHT_STRAIN:  # the search would take long, and mean nothing
+            raise StaticsError(f"its weight alone would strain it by {strain:.2g}.", 0.0)
         rest = solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=Loads(gravity))
         return vector(rest.position(np.array([trunk.length]))[0])
     except StaticsError as error:

@@ -32,6 +32,8 @@ from .problem_file import (
 
 Numbers = tuple[float, ...]
 Point = Callable[[np.ndarray], np.ndarray]
+Update = dict[str, Any]
+"""Sections of a phase by their keys."""
 Section = TypeVar("Section", TargetSpec, WrapSpec)
 Limits = TypeVar("Limits", LimitsSpec, BoundsSpec)
 Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
@@ -74,10 +76,8 @@ def limited_spec(
     bounds = spec.bounds
     muscles = {pattern: _cut(pair, activation) for pattern, pair in bounds.muscles.items()}
     cut = {"activation": _cut(bounds.activation, activation), "muscles": muscles}
-    phases = [_slowed(phase, rate) for phase in spec.phases] if rate < math.inf else spec.phases
-    edited = spec.model_copy(
-        update={"bounds": bounds.model_copy(update=cut), "phases": tuple(phases)}
-    )
+    bounds = bounds.model_copy(update=cut)
+    edited = _edited(spec, lambda phase: _slower_change(phase, rate), bounds=bounds)
     return valid_spec(edited, f"activation = {activation:g}, rate = {rate:g}")
 
 
@@ -89,13 +89,11 @@ def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
         off = others | dict.fromkeys(muscles, (0.0, 0.0))  # last, so that they override patterns
         return limits.model_copy(update={"muscles": off})
 
-    phases = (
-        phase.model_copy(update={"bounds": silenced(phase.bounds)})
-        if phase.bounds.activation is not None or phase.bounds.muscles
-        else phase
-        for phase in spec.phases
-    )
-    edited = spec.model_copy(update={"bounds": silenced(spec.bounds), "phases": tuple(phases)})
+    def edit(phase: PhaseSpec) -> Update:
+        limited = phase.bounds.activation is not None or phase.bounds.muscles
+        return {"bounds": silenced(phase.bounds)} if limited else {}
+
+    edited = _edited(spec, edit, bounds=silenced(spec.bounds))
     return valid_spec(edited, f"without {', '.join(muscles)}")
 
 
@@ -130,17 +128,11 @@ def held_head_spec(spec: ProblemSpec, angle: int) -> ProblemSpec:
             raise InputError(f"{key} = [{low:g}, {high:g}]: does not allow 0.")
         return limits.model_copy(update={key: (0.0, 0.0)})
 
-    phases = (
-        phase.model_copy(
-            update={
-                "bounds": held(phase.bounds),
-                "change": tuple(change.model_copy(update={key: None}) for change in phase.change),
-            }
-        )
-        for phase in spec.phases
-    )
-    edited = spec.model_copy(update={"bounds": held(spec.bounds), "phases": tuple(phases)})
-    return valid_spec(edited, f"{key} = 0")
+    def edit(phase: PhaseSpec) -> Update:
+        change = tuple(entry.model_copy(update={key: None}) for entry in phase.change)
+        return {"bounds": held(phase.bounds), "change": change}
+
+    return valid_spec(_edited(spec, edit, bounds=held(spec.bounds)), f"{key} = 0")
 
 
 def contact_spec(spec: ProblemSpec, kinds: str) -> ProblemSpec:
@@ -164,30 +156,24 @@ def contact_spec(spec: ProblemSpec, kinds: str) -> ProblemSpec:
 
 def unaided_spec(spec: ProblemSpec) -> ProblemSpec:
     """The problem without auxiliary problems."""
-    phases = (phase.model_copy(update={"auxiliary": None}) for phase in spec.phases)
-    return spec.model_copy(update={"phases": tuple(phases)})
+    return _edited(spec, lambda _: {"auxiliary": None})
 
 
 def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
     """The problem mirrored in the plane Y = 0; `muscles` are the names of the trunk's."""
+
+    def edit(phase: PhaseSpec) -> Update:
+        return {
+            "targets": tuple(_mirrored_target(target) for target in phase.targets),
+            "loads": _mirrored_loads(phase.loads),
+            "bounds": _mirrored_limits(phase.bounds, muscles),
+            "change": tuple(_mirrored_angle(change) for change in phase.change),
+        }
+
     moved = _with_points(spec, _reflected)
-    phases = (
-        phase.model_copy(
-            update={
-                "targets": tuple(_mirrored_target(target) for target in phase.targets),
-                "loads": _mirrored_loads(phase.loads),
-                "bounds": _mirrored_limits(phase.bounds, muscles),
-                "change": tuple(_mirrored_angle(change) for change in phase.change),
-            }
-        )
-        for phase in moved.phases
-    )
-    update = {
-        "bounds": _mirrored_limits(spec.bounds, muscles),
-        "phases": tuple(phases),
-        "obstacles": tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles),
-    }
-    return valid_spec(moved.model_copy(update=update), "mirror")
+    bounds = _mirrored_limits(spec.bounds, muscles)
+    obstacles = tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles)
+    return valid_spec(_edited(moved, edit, bounds=bounds, obstacles=obstacles), "mirror")
 
 
 def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
@@ -213,16 +199,18 @@ def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
 
 def _with_points(spec: ProblemSpec, change: Point) -> ProblemSpec:
     """The problem with every position of a target or a wrap changed."""
-    phases = (
-        phase.model_copy(
-            update={
-                "targets": tuple(_moved(target, change) for target in phase.targets),
-                "wrap": None if phase.wrap is None else _moved(phase.wrap, change),
-            }
-        )
-        for phase in spec.phases
-    )
-    return spec.model_copy(update={"phases": tuple(phases)})
+
+    def edit(phase: PhaseSpec) -> Update:
+        targets = tuple(_moved(target, change) for target in phase.targets)
+        return {"targets": targets, "wrap": phase.wrap and _moved(phase.wrap, change)}
+
+    return _edited(spec, edit)
+
+
+def _edited(spec: ProblemSpec, edit: Callable[[PhaseSpec], Update], **update: Any) -> ProblemSpec:
+    """The problem with the sections of each phase that `edit` returns, and others of its own."""
+    phases = tuple(phase.model_copy(update=edit(phase)) for phase in spec.phases)
+    return spec.model_copy(update={"phases": phases, **update})
 
 
 def _moved(section: Section, change: Point) -> Section:
@@ -252,8 +240,10 @@ def _cut(pair: tuple[float, float], largest: float) -> tuple[float, float]:
     return (lower, upper) if lower <= upper else (upper, upper)
 
 
-def _slowed(phase: PhaseSpec, rate: float) -> PhaseSpec:
-    """A phase with changes of activation up to `rate` times the duration of a step."""
+def _slower_change(phase: PhaseSpec, rate: float) -> Update:
+    """The phase's changes of activation, up to `rate` times the duration of a step."""
+    if rate == math.inf:
+        return {}
     largest = rate * (phase.duration / phase.steps)
     entries = (
         change
@@ -262,7 +252,7 @@ def _slowed(phase: PhaseSpec, rate: float) -> PhaseSpec:
         for change in phase.change
     )
     limit = ChangeSpec.model_construct(activation=largest)  # checked with the whole problem
-    return phase.model_copy(update={"change": (limit, *entries)})
+    return {"change": (limit, *entries)}
 
 
 def _mirrored_target(target: TargetSpec) -> TargetSpec:

@@ -8,10 +8,10 @@ What remains under dead loads is a functional of the directors alone, with the f
 
 n_3 = N . d_3. Under a small rotation y(Z) in space axes, y(0) = 0, the energy changes by half of
 
-    Q[y] = int_0^L (gamma . B gamma + M . (y' x y) + zeta (n_3 |y|^2 - (d_3 . y) (N . y))
+    Q[y] = int_0^L (chi . B chi + M . (y' x y) + zeta (n_3 |y|^2 - (d_3 . y) (N . y))
                     - zeta_hat mean / K_0 (y . (N x d_3))^2) dZ,
 
-where gamma_i = d_i . y' is the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and
+where chi_i = d_i . y' is the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and
 M the moment in space axes. The first term is the rod's own stiffness; all others are due to the
 loads. The equilibrium is stable if Q is positive for every y (Trefftz's criterion).
 
@@ -53,7 +53,7 @@ class Stability:
     Attributes
     ----------
     margin : (...,)
-        Least Q[y] / int gamma . B gamma dZ, no unit: the share of the stiffness that the loads
+        Least Q[y] / int chi . B chi dZ, no unit: the share of the stiffness that the loads
         leave in the direction that they weaken most. 1 without loads, never more; 0 where the
         shape buckles; 1 - P / P_cr for a straight column under a thrust P.
     index : (...,) int
@@ -77,7 +77,7 @@ def buckling_margin(
 
     y' takes any value at the shape's Gauss points, y is its integral by the collocation polynomials
     and Q a sum by the Gauss rule: the variational form of the Gauss method (Marsden & West, Acta
-    Numerica 10, 2001, part 2), of the same order 2d. With gamma scaled by sqrt(B) the
+    Numerica 10, 2001, part 2), of the same order 2d. With chi scaled by sqrt(B) the
     margin is the least eigenvalue of one symmetric matrix. That takes time as the cube of the
     number of nodes, so on long meshes it is found by bisection, in time linear in the nodes.
 

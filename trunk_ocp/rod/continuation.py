@@ -86,7 +86,7 @@ def solve_refined(
         mesh, rough = rod.mesh, defects(states[0]) > max_defect
         if not np.any(rough):
             return mesh, states
-        if mesh.elements + np.count_nonzero(rough) > MAX_ELEMENTS:
+        if mesh.elements + 2 * np.count_nonzero(rough) > MAX_ELEMENTS:  # once is seldom enough
             return TOO_SHARP
         middles = np.asarray(mesh.edges[:-1])[rough] + mesh.widths[rough] / 2
         finer = Mesh(tuple(np.union1d(mesh.edges, middles).tolist()), mesh.degree)

@@ -107,7 +107,7 @@ def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
 def _newton(path, fraction, w, points, h, strain, segment, floor):
     """Newton's method on the path (n + 1, 10) of one rod, in place; whether it converged.
 
-    Each tangent T[e, c] is the change of the path at edge e per unit of alpha, beta, gamma (the
+    Each tangent T[e, c] is the change of the path at edge e per unit of dm1, dm2, dm3 (the
     change of m(0)), and for the last, c = 3, the change that closes all gaps up to e.
     """
     n = h.size
@@ -127,14 +127,14 @@ def _newton(path, fraction, w, points, h, strain, segment, floor):
         m1, m2, m3 = T[n, 0, 4:7], T[n, 1, 4:7], T[n, 2, 4:7]
         rest = -path[n, 4:7] - T[n, 3, 4:7]
         volume = _triple(m1, m2, m3)
-        alpha, beta, gamma = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
-        alpha, beta, gamma = alpha / volume, beta / volume, gamma / volume
-        if not abs(alpha) + abs(beta) + abs(gamma) < np.inf:
+        dm1, dm2, dm3 = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
+        dm1, dm2, dm3 = dm1 / volume, dm2 / volume, dm3 / volume
+        if not abs(dm1) + abs(dm2) + abs(dm3) < np.inf:
             return False  # max() below would ignore NaN
         turn, moment, largest = 0.0, 0.0, floor
         for e in range(n + 1):
             for i in range(PATH):
-                change = alpha * T[e, 0, i] + beta * T[e, 1, i] + gamma * T[e, 2, i] + T[e, 3, i]
+                change = dm1 * T[e, 0, i] + dm2 * T[e, 1, i] + dm3 * T[e, 2, i] + T[e, 3, i]
                 path[e, i] += change
                 if i < 4:
                     turn = max(turn, abs(change))

@@ -122,32 +122,38 @@ def _solve_on_mesh(rods: RodBatch, batch: tuple[int, ...], near: Shape | None) -
 
 
 def _solve_refined(rods: RodBatch, batch: tuple[int, ...]) -> Shape:
-    """Shapes on the coarsest mesh that resolves them all."""
+    """Shapes on the coarsest mesh that resolves them all.
+
+    Rods that Newton's method does not find from their unloaded shape are left to local refinement:
+    to raise their load on each of these meshes takes longest where it helps least.
+    """
     for elements in MESH_ELEMENTS:
-        mesh = mesh_for(rods.trunk, rods.loads[0].contact_from, elements)
-        rods = replace(rods, mesh=mesh)
-        states, errors = _solve(rods, rods.unloaded())
-        shape = rods.shape(states, batch)
-        if np.all(shape.defect <= MAX_DEFECT):
-            return shape
-        if errors:
+        rods = replace(rods, mesh=mesh_for(rods.trunk, rods.loads[0].contact_from, elements))
+        states, converged = newton(rods, rods.unloaded())
+        states[~converged | compressed(rods, states)] = np.nan
+        defect = defects(states).max(axis=1)  # NaN where not found
+        if not np.any(defect > MAX_DEFECT):
             break
-    return _refine_locally(rods, states, batch)
+    rough = ~(defect <= MAX_DEFECT)
+    return _refine_locally(rods, states, rough, batch) if rough.any() else rods.shape(states, batch)
 
 
-def _refine_locally(rods: RodBatch, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
-    """Shapes on one mesh, finer where some rod needs it; from states (B, ...), NaN if not found."""
-    mesh, results = rods.mesh, {}
-    for index in np.flatnonzero(~(defects(states).max(axis=1) <= MAX_DEFECT)).tolist():
+def _refine_locally(
+    rods: RodBatch, states: np.ndarray, rough: np.ndarray, batch: tuple[int, ...]
+) -> Shape:
+    """Shapes on one mesh, finer where the `rough` ones of the rods (B,) need it.
+
+    states : (B, ...), of the others
+    """
+    results = {i: (rods.mesh, states[i : i + 1]) for i in range(len(rough))}
+    for index in np.flatnonzero(rough).tolist():
         try:
             results[index] = raise_load(rods.only(index), MAX_DEFECT)
         except StaticsError as error:
             raise rods.named(error, index) from None
-    edges = np.unique(np.concatenate([mesh.edges, *(its.edges for its, _ in results.values())]))
-    finer = Mesh(tuple(edges.tolist()), mesh.degree)
-    start = resample(states, mesh, finer)
-    for index, (its_mesh, its_states) in results.items():
-        start[index] = resample(its_states, its_mesh, finer)[0]
+    edges = np.unique(np.concatenate([mesh.edges for mesh, _ in results.values()]))
+    finer = Mesh(tuple(edges.tolist()), rods.mesh.degree)
+    start = np.concatenate([resample(its, mesh, finer) for mesh, its in results.values()])
     rods = replace(rods, mesh=finer)
     return rods.shape(_solved(rods, start), batch)
 

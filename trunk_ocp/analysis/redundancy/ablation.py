@@ -138,14 +138,6 @@ def motion_without(motion: Motion, muscles: tuple[str, ...]) -> Motion:
     return motion.with_spec(silenced_spec(motion.spec, muscles))
 
 
-def left_right_pairs(motion: Motion) -> tuple[tuple[str, ...], ...]:
-    """Muscles grouped with their mirror images: names that differ only in the side."""
-    groups: dict[str, list[str]] = {}
-    for muscle in motion.trunk.subdomains:
-        groups.setdefault(f"{muscle.segment} {muscle.group}", []).append(muscle.name)
-    return tuple(tuple(names) for names in groups.values())
-
-
 def _result(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float) -> AblationResult:
     figures = plan_measures(plan)
     return AblationResult(

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
+from ..._support.wording import suggestion
 from ...errors import InputError
 from ...planning.plan import Plan
 from .activation_sets import LP_TOL, ActivationSet, shape_preserving_sets
@@ -115,7 +116,8 @@ def _indices(plan: Plan, names: Collection[str]) -> np.ndarray:
     known = plan.motion.trunk.muscles
     for name in names:
         if name not in known:
-            raise InputError(f"{name}: no such muscle; expected one of {', '.join(known)}.")
+            hint = suggestion(name, known)
+            raise InputError(f"{name}: no such muscle; expected one of {', '.join(known)}.{hint}")
     return np.array([known.index(name) for name in names], dtype=int)
 
 
@@ -125,16 +127,13 @@ def _chosen(plan: Plan, choose: Callable[[ActivationSet], np.ndarray | None]) ->
     for region in shape_preserving_sets(plan, joint=True):
         z = choose(region)
         if z is None:
+            segment = plan.motion.trunk.subdomains[int(region.muscles[0])].segment + 1
             raise InputError(
-                f"{plan.motion.name}: segment {_segment(plan, region)} cannot keep its shapes "
-                "without these muscles; switch off fewer."
+                f"{plan.motion.name}: segment {segment} cannot keep its shapes without these "
+                "muscles; switch off fewer."
             )
         x[region.where] = region.table(z)
     return replace(plan, x=x)
-
-
-def _segment(plan: Plan, region: ActivationSet) -> int:
-    return plan.motion.trunk.subdomains[int(region.muscles[0])].segment + 1
 
 
 def _least(plan: Plan, region: ActivationSet, rate: float = 0.0) -> np.ndarray | None:

@@ -3,7 +3,7 @@
 import { activationGradient } from "./colors.js";
 import { short } from "./plots.js";
 
-export const SIDES = { R: "right (solid)", L: "left (dashed)" };
+export const SIDES = { R: "right (solid)", L: "left (dotted)" };
 export const PARTS = {
   core: "inner tissue",
   skin: "skin",

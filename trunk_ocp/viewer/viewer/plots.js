@@ -80,10 +80,11 @@ class Panel {
     return left + (time / this.axes.end) * (this.width - left - right);
   }
 
+  /** Contraction, which is negative, is upward, as in the figures. */
   y(activation) {
     const [low, high] = this.axes.range;
     const { top, bottom } = MARGIN;
-    return top + ((high - activation) / (high - low)) * (HEIGHT - top - bottom);
+    return top + ((activation - low) / (high - low)) * (HEIGHT - top - bottom);
   }
 
   timeAt(x) {
@@ -145,7 +146,7 @@ class Panel {
       });
       const path = svg("polyline", { points: points.join(" "), class: "curve" });
       path.dataset.muscle = muscle.name;
-      if (muscle.side === "L") path.setAttribute("stroke-dasharray", "6 3");
+      if (muscle.side === "L") path.setAttribute("stroke-dasharray", "2 3");
       return path;
     });
     return this.paths;

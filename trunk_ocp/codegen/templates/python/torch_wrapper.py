@@ -48,8 +48,13 @@ def _of_size(x, size, name):
 class _Batched(torch.autograd.Function):
     """A function of arrays with leading axes; vmap passes it the whole batch at once."""
 
+    @staticmethod
+    def setup_context(ctx, inputs, output):
+        ctx.save_for_backward(*inputs)
+        ctx.save_for_forward(*inputs)
+
     @classmethod
-    def batched(cls, info, in_dims, *tensors):
+    def vmap(cls, info, in_dims, *tensors):
         # Leading axes are matched by their number, so the new one goes first in every tensor.
         moved = [
             t.expand(info.batch_size, *t.shape) if dim is None else t.movedim(dim, 0)
@@ -87,8 +92,7 @@ class _Loaded(_Batched):
     @staticmethod
     def setup_context(ctx, inputs, output):
         ctx.mark_non_differentiable(output[1])
-        ctx.save_for_backward(*inputs, output[1])
-        ctx.save_for_forward(*inputs, output[1])
+        _Batched.setup_context(ctx, (*inputs, output[1]), output)
 
     @staticmethod
     def backward(ctx, weights, _):
@@ -99,10 +103,6 @@ class _Loaded(_Batched):
         x, J = ctx.saved_tensors
         return _Push.apply(x, J, v), None
 
-    @staticmethod
-    def vmap(info, in_dims, *tensors):
-        return _Loaded.batched(info, in_dims, *tensors)
-
 
 class _Pull(_Batched):
     """x, J, weights of y -> weights of x: weights J(x)."""
@@ -110,11 +110,6 @@ class _Pull(_Batched):
     @staticmethod
     def forward(x, J, weights):
         return _pulled(weights, J)
-
-    @staticmethod
-    def setup_context(ctx, inputs, output):
-        ctx.save_for_backward(*inputs)
-        ctx.save_for_forward(*inputs)
 
     @staticmethod
     def backward(ctx, v):
@@ -130,10 +125,6 @@ class _Pull(_Batched):
             change = change + _pulled(weights, _Second.apply(x, v))
         return change if d_weights is None else change + _Pull.apply(x, J, d_weights)
 
-    @staticmethod
-    def vmap(info, in_dims, *tensors):
-        return _Pull.batched(info, in_dims, *tensors)
-
 
 class _Push(_Batched):
     """x, J, v -> J(x) v."""
@@ -141,11 +132,6 @@ class _Push(_Batched):
     @staticmethod
     def forward(x, J, v):
         return _pushed(J, v)
-
-    @staticmethod
-    def setup_context(ctx, inputs, output):
-        ctx.save_for_backward(*inputs)
-        ctx.save_for_forward(*inputs)
 
     @staticmethod
     def backward(ctx, weights):
@@ -161,10 +147,6 @@ class _Push(_Batched):
             change = change + _pushed(_Second.apply(x, w), v)
         return change if d_v is None else change + _Push.apply(x, J, d_v)
 
-    @staticmethod
-    def vmap(info, in_dims, *tensors):
-        return _Push.batched(info, in_dims, *tensors)
-
 
 class _Second(_Batched):
     """x, v -> derivative of J(x) along v; by symmetry also d(J v)/dx."""
@@ -176,13 +158,5 @@ class _Second(_Batched):
         return _numpy(trunk_numpy.second, x, v)[0]
 
     @staticmethod
-    def setup_context(ctx, inputs, output):
-        pass
-
-    @staticmethod
     def backward(ctx, weights):
         raise NotImplementedError("third derivatives of the loaded shape are not exported.")
-
-    @staticmethod
-    def vmap(info, in_dims, *tensors):
-        return _Second.batched(info, in_dims, *tensors)
