@@ -306,10 +306,14 @@ class Window:
             self._builder.cost(function, variables, np.stack(weighted, axis=-1))
 
     def _regularization(self, weights: Weights) -> None:
-        """Add the costs of effort and of rate of change."""
+        """Add the costs of effort and of rate of change.
+
+        Steps without targets cost no effort: they would sag on the way for the sake of it.
+        """
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
+        working = x[1:, :-2][[bool(step.targets) for step in self.steps]]
         self._builder.cost(
-            square(), x[1:, :-2].reshape(1, -1), np.full((1, x[1:, :-2].size), weights.effort)
+            square(), working.reshape(1, -1), np.full((1, working.size), weights.effort)
         )
         per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])

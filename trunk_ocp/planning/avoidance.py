@@ -31,10 +31,10 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
-    for _ in range(MAX_INSERTIONS + 1):
+    for insertions in range(MAX_INSERTIONS + 1):
         plan, deep = _exchanged(plan, run)
-        motion = _refined(run.motion, deep) if run.mode == "horizon" else None
-        if motion is None:
+        motion = _refined(run.motion, deep)
+        if insertions == MAX_INSERTIONS or motion is None:
             break
         before, count = len(run.motion.steps), len(motion.steps)
         run.optimizer.reporter.note(

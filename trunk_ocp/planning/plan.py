@@ -279,9 +279,14 @@ class Plan:
         return Objective(
             sum(e.paper for e in self.errors),
             position * self.motion.position_scale**2 + direction,
-            self.weights.effort * float(np.sum(self.activations**2)),
+            self.weights.effort * float(np.sum(self.activations[self._working] ** 2)),
             self.weights.rate * self.squared_rate,
         )
+
+    @property
+    def _working(self) -> np.ndarray:
+        """Which steps (H,) have targets; others cost no effort."""
+        return np.array([bool(s.targets) for s in self.motion.steps[: len(self.x)]], dtype=bool)
 
     @property
     def squared_rate(self) -> float:
