@@ -32,10 +32,14 @@ BETWEEN_TOL = 5e-5
 """The same between time steps; 0.09 mm for the elephant."""
 SPACING = 0.05
 """Largest distance of the first rows along a piece of the trunk that is in a solid, over L."""
+BRACKET = 0.015
+"""Distance of further rows on both sides of a minimum, over L: it moves as the plan changes."""
 NEAREST = 0.004
 """Smallest distance of rows of one body along the trunk, over L."""
 OVERSHOOT = 1.2
 """Tightening over what is missing, which saves a plan: other steps move a little, too."""
+TIME_TOL = 1e-9
+"""Difference in s of equal times."""
 MAX_PAIRS = 6
 """Pairs of sections that become rows of a time step in one exchange, the deepest ones."""
 
@@ -60,6 +64,12 @@ class Exchange:
     def count(self) -> int:
         """Number of rows of all steps."""
         return sum(map(len, self.rows.values()))
+
+    def moved(self, motion: Motion) -> Exchange:
+        """The same gaps for the same motion with more time steps."""
+        place = np.searchsorted(motion.times, self.motion.times - TIME_TOL).tolist()
+        rows = rows_for(motion, {place[t]: rows for t, rows in self.rows.items()})
+        return Exchange(motion, rows, {(place[t], b): d for (t, b), d in self.extra.items()})
 
     def add(self, x: np.ndarray, shape: Shape) -> int:
         """Add rows where planned shapes (H,) are too close to a body; returns how many."""
@@ -116,7 +126,13 @@ class Exchange:
         concerned = (discs.Z >= solid.Z[0]) & (discs.Z <= solid.Z[1])
         gaps = np.where(concerned, gaps, np.inf)
         inside = gaps < -STEP_TOL * trunk.length
-        places = [Z for i in _minima(gaps) if inside[i] for Z in [float(discs.Z[i])]]
+        ends = (float(discs.Z[concerned][0]), float(discs.Z[concerned][-1]))
+        places = [
+            float(np.clip(discs.Z[i] + side * BRACKET * trunk.length, *ends))
+            for i in _minima(gaps)
+            if inside[i]
+            for side in (0, -1, 1)
+        ]
         for low, high in _runs(inside):
             count = int((discs.Z[high] - discs.Z[low]) / (SPACING * trunk.length))
             places += np.linspace(discs.Z[low], discs.Z[high], count + 2)[1:-1].tolist()

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
 from ..problem.interpolation import interpolate_all
@@ -31,8 +29,9 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
+    exchange = Exchange(run.motion)
     for insertions in range(MAX_INSERTIONS + 1):
-        plan, deep = _exchanged(plan, run)
+        plan, deep = _exchanged(plan, run, exchange)
         motion = _refined(run.motion, deep)
         if insertions == MAX_INSERTIONS or motion is None:
             break
@@ -40,15 +39,17 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         run.optimizer.reporter.note(
             f"Planning again with {count} time steps instead of {before}, to get around bodies."
         )
-        guess = _resampled(plan, motion)
-        run = replace(run, motion=motion, lookahead=count, start=None, checkpoint=None, guess=guess)
+        exchange = exchange.moved(motion)
+        guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
+        again = replace(run, start=None, checkpoint=None, gaps=exchange.rows)
+        run = replace(again, motion=motion, lookahead=count, guess=guess)
         plan = run.run()
     return plan
 
 
-def _exchanged(plan: Plan, run: PlanningRun) -> tuple[Plan, list[Gap]]:
+def _exchanged(plan: Plan, run: PlanningRun, exchange: Exchange) -> tuple[Plan, list[Gap]]:
     """The plan with all gaps that its time steps can keep, and those too small between them."""
-    exchange, reporter = Exchange(run.motion), run.optimizer.reporter
+    reporter = run.optimizer.reporter
     limit = MAX_TIGHTENING * run.motion.trunk.length
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
@@ -76,8 +77,3 @@ def _refined(motion: Motion, deep: Sequence[Gap]) -> Motion | None:
         return None
     spec = refined_spec(motion.spec, {motion.steps[gap.step].phase for gap in deep})
     return None if spec is None else motion.with_spec(spec)
-
-
-def _resampled(plan: Plan, motion: Motion) -> np.ndarray:
-    """Controls of a plan at the time steps of the same motion with more of them."""
-    return interpolate_all(plan.motion, plan.trajectory, motion.times)
