@@ -23,7 +23,7 @@ from ..model.quaternions import directors
 from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection, Target
 from ..rod.collocation import Mesh
-from ..rod.equations import point_parameters
+from ..rod.equations import is_hung, point_parameters
 from ..rod.shape import Shape
 from .nlp_builder import Block, NLPBuilder
 from .point_functions import (
@@ -175,12 +175,13 @@ class Window:
             (rod.unknowns.tip_force, tip - free, tip + free),
         ]
         variables, rows = add.include(rod.builder, bounds, number)
+        hung = is_hung(step.loads)
         if step.loads not in self._points:
             self._points[step.loads] = point_parameters(
-                motion.trunk, step.loads, self.mesh.points.ravel()
+                motion.trunk, step.loads, self.mesh.points.ravel(), hung
             )
         add.term(
-            scaled_rates(self.length, self.moment),
+            scaled_rates(self.length, self.moment, hung),
             rod.variables + variables,
             self._points[step.loads],
             rod.output,

@@ -90,10 +90,15 @@ def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = F
     row = table[step] if at_step else interpolate(motion, table, t)
     tip = row[PARTS["tip_force"]] + row[PARTS["tip_mass"]] + row[PARTS["pull"]]
     contact = row[PARTS["contact"]]
-    touching = [load.contact_from for load in planned[max(end - 2, 0) : end]]
-    contact_from = touching[-1] if touching[-1] is not None else touching[0]
+    before, last = planned[max(end - 2, 0)], planned[end - 1]
+    touching = last if last.contact_from is not None else before
     return Loads(
-        float(row[GRAVITY]), vector(tip), contact_from, vector(contact[:3]), vector(contact[3:])
+        float(row[GRAVITY]),
+        vector(tip),
+        touching.contact_from,
+        vector(contact[:3]),
+        vector(contact[3:]),
+        touching.contact_lever,
     )
 
 
