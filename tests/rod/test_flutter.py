@@ -188,8 +188,9 @@ def test_the_paper_lifts_its_log_off_center_with_flutter():
     step = summary(plan)["timesteps"]
     assert step[0]["flutter_growth"] is None
     assert step[1]["flutter_growth"] == plan.flutter.growth[1]
-    (finding,) = [f for f in explain(plan, deep=False).findings if "flutters" in f.what]
-    assert finding.details[0] == "step 2: growth 1.6 /s at 2.2 Hz, undamped"
+    (finding,) = [f for f in explain(plan, deep=False).findings if "vibration grows" in f.what]
+    assert finding.details == (note,)
+    assert "hung = true" in finding.advice
     assert not np.any(planned("lift-log", "sequential").flutter.flutters)
 
 
