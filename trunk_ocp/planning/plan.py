@@ -219,6 +219,11 @@ class Plan:
         return Flutter(rates)
 
     @property
+    def doubts(self) -> list[str]:
+        """Warnings on a plan that passes its checks, a sentence each."""
+        return [*self.verification.doubts, *self.fluttering]
+
+    @property
     def fluttering(self) -> list[str]:
         """A sentence on the steps that flutter, if any do."""
         steps = np.flatnonzero(self.flutter.flutters)

@@ -116,7 +116,7 @@ def plan_motion(
         solves=(*(given.solves if given else ()), *rough.solves, *optimizer.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *plan.verification.doubts, *plan.fluttering),
+        notes=(*plan.notes, *plan.doubts),
     )
     return plan.checked() if throw else plan
 
