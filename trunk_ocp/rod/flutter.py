@@ -37,7 +37,7 @@ from .equations import loaded_extension
 from .shape import Shape
 
 MODES = 16
-"""Lowest modes that count. The meshes of plans resolve them to 1e-5, and tissue damps others."""
+"""Lowest modes that count. The meshes of plans resolve them to 1e-4, and tissue damps others."""
 MAX_DENSE_UNKNOWNS = 400  # of one matrix; beyond, only the lowest modes are computed
 ROUND_OFF = 1e-6  # of a rate, below which its real or imaginary part is zero
 MIN_GROWTH = 1e-3
