@@ -70,7 +70,8 @@ def chain(trunk, activation, load, shape, intervals):
 class Interval:
     """Material and load of one interval: stiffness, strain without moment, force, half couple.
 
-    mass with what it carries; rotary inertia of the trunk alone.
+    hung : force of the interval on the load's lever, times the lever, N m.
+    mass, inertia : of the trunk; carried : kg, on the lever.
     """
 
     K: np.ndarray
@@ -79,7 +80,9 @@ class Interval:
     u_hat: np.ndarray
     force: np.ndarray
     couple: np.ndarray
+    hung: np.ndarray
     mass: float
+    carried: float
     inertia: np.ndarray
 
 
@@ -95,17 +98,19 @@ def _intervals(trunk, activation, load, Z, contact_mass=0.0):
         zeta_hat, *c = strain[np.searchsorted(trunk.edges[1:-1], at)]
         weight = load.gravity * reference.weight_beyond(trunk, at)
         N = np.array(load.tip_force) + np.array([0, 0, weight])
-        couple, mass = np.zeros(3), trunk.density * area * h
+        couple, hung, mass, carried = np.zeros(3), np.zeros(3), trunk.density * area * h, 0.0
         if load.contact_from is not None:
             spread = L - load.contact_from
             N = N + (L - max(at, load.contact_from)) / spread * np.array(load.contact_force)
             if at > load.contact_from:
                 couple = np.array(load.contact_couple) * h / spread / 2
-                mass += contact_mass * h / spread
+                hung = load.contact_lever * np.array(load.contact_force) * h / spread
+                carried = contact_mass * h / spread
         K = np.array([K1, K1, K1 / (1 + trunk.poisson_ratio)]) / mean**2
         u_hat = np.array(c) * trunk.base_radius / radius
-        inertia = trunk.density * area * h * radius**2 / mean / 4 * np.array([1, 1, 2])
-        parts.append(Interval(K, E * area / mean, zeta_hat, u_hat, N, couple, mass, inertia))
+        inertia = mass * radius**2 / mean / 4 * np.array([1, 1, 2])
+        values = K, E * area / mean, zeta_hat, u_hat, N, couple, hung, mass, carried, inertia
+        parts.append(Interval(*values))
     return parts
 
 
@@ -151,6 +156,7 @@ def _functions(trunk, activation, load, Z):
         half = now[i] + now[i + 1]
         n3 = turned(half / ca.norm_2(half), ca.DM(part.force))[2]
         energy -= h * part.zeta_hat * (n3 + n3**2 / (2 * part.K0))
+        energy -= turned(half / ca.norm_2(half), ca.DM(part.hung))[1]
     residual = ca.gradient(energy, ca.vec(eta)) - _work(now, eta, parts)
     outputs = [residual, ca.jacobian(residual, eta), ca.hessian(bent, ca.vec(eta))[0]]
     return ca.Function(
@@ -169,7 +175,7 @@ def vibrations(trunk, activation, load, frames, contact_mass=0.0, tip_mass=0.0):
     h = Z[1]
     parts = _intervals(trunk, activation, load, Z, contact_mass)
     eta, zeta, q = ca.SX.sym("eta", 3, n), ca.SX.sym("zeta", n), ca.DM(frames)
-    now, energy, r, places, start = _moved(q, eta), 0, ca.SX(3, 1), [], []
+    now, energy, r, places, levers, start = _moved(q, eta), 0, ca.SX(3, 1), [], [], []
     for i, part in enumerate(parts):
         kappa = _bending(now, i, h)
         energy += h / 2 * ca.dot(part.K / part.zeta_hat, (kappa - part.zeta_hat * part.u_hat) ** 2)
@@ -178,17 +184,20 @@ def vibrations(trunk, activation, load, frames, contact_mass=0.0, tip_mass=0.0):
         d3 = turned(half * np.array([1, -1, -1, -1]), ca.DM([0, 0, 1]))
         energy += h * part.K0 / part.zeta_hat / 2 * (zeta[i] - part.zeta_hat) ** 2
         energy -= h * zeta[i] * ca.dot(d3, part.force)
+        d2 = turned(half * np.array([1, -1, -1, -1]), ca.DM([0, 1, 0]))
+        energy -= ca.dot(d2, part.hung)
         places.append(r + h / 2 * zeta[i] * d3)
+        levers.append(places[-1] + load.contact_lever * d2)
         r += h * zeta[i] * d3
         n3 = turned(_scalar_half(frames, i), ca.DM(part.force))[2]
         start.append(part.zeta_hat * (1 + float(n3) / part.K0))
     unknowns = ca.vertcat(ca.vec(eta), zeta)
     forces = ca.gradient(energy, unknowns) - ca.vertcat(_work(now, eta, parts), ca.SX(n, 1))
-    slopes = [ca.jacobian(forces, unknowns), ca.jacobian(ca.vertcat(*places, r), unknowns)]
+    slopes = [ca.jacobian(forces, unknowns), ca.jacobian(ca.vertcat(*places, *levers, r), unknowns)]
     outputs = ca.Function("vibrations", [unknowns], [forces, *slopes])
     residual, K, J = (x.full() for x in outputs(np.append(np.zeros(3 * n), start)))
     assert np.abs(residual).max() < 1e-8 * np.abs(K).max()
-    mass = np.append([part.mass for part in parts], tip_mass)
+    mass = np.array([*(part.mass for part in parts), *(part.carried for part in parts), tip_mass])
     M = J.T @ (np.repeat(mass, 3)[:, None] * J)
     for i, part in enumerate(parts):
         for j in {i - 1, i} - {-1}:

@@ -383,7 +383,8 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
             f"step {t + 1}: the loads leave {100 * margin[t]:.2g} % of the trunk's stiffness"
         )
         yield Finding("warning", "the trunk is near buckling", (remaining,))
-    yield from _flutter(plan)
+    if plan.fluttering:
+        yield _growing(plan)
     check = plan.verification
     worst, turn = float(check.position_difference.max()), float(check.turn.max())
     most = check.max_position_difference
@@ -404,16 +405,12 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         yield Finding("note", "the plan exceeds the horizon's bounds on change", details)
 
 
-def _flutter(plan: Plan) -> Iterator[Finding]:
-    """Steps at which a vibration grows under a couple fixed in space."""
-    growth, frequency = plan.flutter.growth, plan.flutter.frequency
-    details = tuple(
-        f"step {t + 1}: growth {growth[t]:.2g} /s at {frequency[t]:.2g} Hz, undamped"
-        for t in np.flatnonzero(plan.flutter.flutters).tolist()
-    )
-    if details:
-        what = "the trunk flutters: a vibration takes energy from the couple, fixed in space"
-        yield Finding("warning", what, details)
+def _growing(plan: Plan) -> Finding:
+    """Vibrations that grow."""
+    logs = any(phase.loads.log is not None for phase in plan.motion.spec.phases)
+    advice = "Hang the log from a lever that turns with the trunk: hung = true in loads.log."
+    what = "a vibration grows, fed by the couple"
+    return Finding("warning", what, tuple(plan.fluttering), advice if logs else "")
 
 
 def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Finding]:

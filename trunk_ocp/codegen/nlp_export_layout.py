@@ -136,12 +136,17 @@ def _row_range(block: Block) -> Range:
 
 
 GOAL = ["X", "Y", "Z", "weight"]
+RATES_PARAMETERS = [
+    "taper f",
+    *(f"stiffness K{i} (N, N m^2)" for i in range(4)),
+    *(f"force on the section except the tip force, {axis}, N" for axis in AXES),
+    *(f"couple density, {axis}, N" for axis in AXES),
+]
 PARAMETERS = {
-    "rates": [
-        "taper f",
-        *(f"stiffness K{i} (N, N m^2)" for i in range(4)),
-        *(f"force on the section except the tip force, {axis}, N" for axis in AXES),
-        *(f"couple density, {axis}, N" for axis in AXES),
+    "rates": RATES_PARAMETERS,
+    "hung_rates": [
+        *RATES_PARAMETERS,
+        *(f"lever times density of the contact force, {axis}, N" for axis in AXES),
     ],
     "scaled_vector": ["minus the pull, in units of force"],
     "squared_distance": [f"target position {name}" for name in GOAL[:3]] + GOAL[3:],
@@ -170,7 +175,7 @@ def _parameters(window: Window) -> Iterator[dict[str, Any]]:
             entry["director"] = director
         if name.startswith(("squared_distance", "squared_direction", "squared_held_direction")):
             entry["Z"] = Z[term.variables[0]].tolist()
-        if name == "rates":
+        if name in ("rates", "hung_rates"):
             entry["Z"] = "Gauss points, step by step"
         runs = ((int(number), len(list(run))) for number, run in groupby(steps.tolist()))
         entry["steps"] = [{"step": number, "places": length} for number, length in runs]

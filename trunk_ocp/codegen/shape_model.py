@@ -239,6 +239,8 @@ def build_model(
         raise InputError(
             f"--elements {shown(elements)}: expected {MIN_ELEMENTS} to {MAX_ELEMENTS}."
         )
+    if loads is not None and loads.contact_lever != 0:
+        raise InputError("loads.contact_lever: exports have no contact force on a lever.")
     return Model(trunk, Z, Loads() if loads is None else loads, elements)
 
 

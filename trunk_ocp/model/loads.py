@@ -18,7 +18,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Loads:
-    """Dead loads, fixed in space. +Z points down.
+    """Dead loads, fixed in space but for the lever of the contact force. +Z points down.
 
     Attributes
     ----------
@@ -32,6 +32,9 @@ class Loads:
         W in N.
     contact_couple : (3,)
         L in N m, per unit of initial length when spread.
+    contact_lever : float
+        In m: the contact force acts at r + contact_lever d_2, which turns with the trunk, so that a
+        weight hung from there has a potential. 0: it acts on the centerline.
     """
 
     gravity: float = 9.8
@@ -39,15 +42,16 @@ class Loads:
     contact_from: float | None = None
     contact_force: Vector = ZERO
     contact_couple: Vector = ZERO
+    contact_lever: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("tip_force", "contact_force", "contact_couple"):
             object.__setattr__(self, name, vector(_numbers(self, name, (3,))))
-        for name in ("gravity", "contact_from"):
+        for name in ("gravity", "contact_from", "contact_lever"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, float(_numbers(self, name, ())))
         if self.contact_from is None and (
-            self.contact_force != ZERO or self.contact_couple != ZERO
+            self.contact_force != ZERO or self.contact_couple != ZERO or self.contact_lever != 0
         ):
             raise InputError(
                 "loads.contact_from: missing; a contact force or couple needs the Z in m where "
@@ -62,6 +66,7 @@ class Loads:
             self.contact_from,
             _times(self.contact_force, fraction),
             _times(self.contact_couple, fraction),
+            self.contact_lever,
         )
 
 
@@ -127,3 +132,15 @@ def couple_density(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
         return np.zeros((Z.size, 3))
     inside = Z >= loads.contact_from
     return inside[:, None] * np.asarray(loads.contact_couple) / (trunk.length - loads.contact_from)
+
+
+def lever_density(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
+    """Lever times contact force per unit initial length at Z, (n, 3) N, in space axes.
+
+    Its couple on the section is d_2 x this vector.
+    """
+    Z = np.asarray(Z, dtype=float)
+    if loads.contact_from is None:
+        return np.zeros((Z.size, 3))
+    force = loads.contact_lever * np.asarray(loads.contact_force)
+    return (Z >= loads.contact_from)[:, None] * force / (trunk.length - loads.contact_from)

@@ -18,12 +18,13 @@ from ..rod.equations import rate_arguments, rates
 
 
 @cache
-def scaled_rates(length: float, moment: float) -> ca.Function:
+def scaled_rates(length: float, moment: float, hung: bool = False) -> ca.Function:
     """`rates` in the NLP's units (lengths in L, moments in E I(0) / L), per L of Z."""
-    w, p = rate_arguments()
+    w, p = rate_arguments(hung)
     to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
     to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
-    return ca.Function("rates", [w, p], [to_units * rates()(to_si * w, p)])
+    name = "hung_rates" if hung else "rates"
+    return ca.Function(name, [w, p], [to_units * rates(hung)(to_si * w, p)])
 
 
 @cache

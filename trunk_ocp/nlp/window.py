@@ -23,7 +23,7 @@ from ..model.quaternions import directors
 from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection, Target
 from ..rod.collocation import Mesh
-from ..rod.equations import point_parameters
+from ..rod.equations import PARAMETERS, is_hung, point_parameters
 from ..rod.shape import Shape
 from .gap_rows import GapRow, add_gaps, add_volume, volume_weights
 from .nlp_builder import Block, NLPBuilder
@@ -183,12 +183,13 @@ class Window:
             (rod.unknowns.tip_force, tip - free, tip + free),
         ]
         variables, shift = add.include(rod.builder, bounds, number)
+        hung = is_hung(step.loads)
         if step.loads not in self._points:
             self._points[step.loads] = point_parameters(
-                motion.trunk, step.loads, self.mesh.points.ravel()
+                motion.trunk, step.loads, self.mesh.points.ravel(), hung
             )
         add.term(
-            scaled_rates(self.length, self.moment),
+            scaled_rates(self.length, self.moment, hung),
             rod.variables + variables,
             self._points[step.loads],
             rod.output,
@@ -199,7 +200,7 @@ class Window:
         unknowns = rod.unknowns.moved(variables)
         self._volumes.append(None)
         if gaps:
-            moved, at = rod.variables + variables, self._points[step.loads]
+            moved, at = rod.variables + variables, self._points[step.loads][:PARAMETERS]
             volume = add_volume(add, motion.trunk, self.mesh, rod, moved, at, number)
             rows = add_gaps(add, motion.trunk, unknowns, volume, gaps, number)
             self.gap_rows += zip(gaps, [number] * len(rows), rows, strict=True)

@@ -74,6 +74,8 @@ class Rods:
         self.spread = np.where(self.touched, L - start, 1.0)
         couple = np.array([load.contact_couple for load in loads]).T
         self.couple = (self.touching * couple / self.spread)[:, None]
+        lever = np.array([load.contact_lever for load in loads])
+        self.hung = (self.touching * lever * self.log / self.spread)[:, None]
 
     def rates(self, Z: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Derivatives of y (15, copies, n), r, d_1, d_2, d_3 and m in SI units, at Z (n,)."""
@@ -93,6 +95,10 @@ class Rods:
         _cross(self.zeta_hat * m, u, dy[12:])
         if self.couple.any():
             dy[12:] -= (d * self.couple).sum(axis=1)
+        if self.hung.any():
+            couple = np.empty_like(d[1])
+            _cross(d[1], np.broadcast_to(self.hung, d[1].shape), couple)
+            dy[12:] -= (d * couple).sum(axis=1)
         dy[12] += zeta * n[1]
         dy[13] -= zeta * n[0]
         return dy

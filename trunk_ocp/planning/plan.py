@@ -254,16 +254,20 @@ class Plan:
     @property
     def doubts(self) -> list[str]:
         """Warnings on a plan that passes its checks, a sentence each."""
+        return [*self.verification.doubts, *self.fluttering]
+
+    @property
+    def fluttering(self) -> list[str]:
+        """A sentence on the steps that flutter, if any do."""
         steps = np.flatnonzero(self.flutter.flutters)
         if not steps.size:
-            return self.verification.doubts
+            return []
         worst = steps[np.argmax(self.flutter.growth[steps])]
         growth, frequency = self.flutter.growth[worst], self.flutter.frequency[worst]
-        most = "up to " if steps.size > 1 else ""
+        words = f"up to {growth:.2g}" if steps.size > 1 else f"{growth:.2g}"
         return [
-            *self.verification.doubts,
-            f"{step_list((steps + 1).tolist())} flutter: growth {most}{growth:.2g} /s at "
-            f"{frequency:.2g} Hz, undamped; the couple is fixed in space",
+            f"{step_list((steps + 1).tolist())} flutter{'s' * (steps.size == 1)}: growth {words} "
+            f"/s at {frequency:.2g} Hz, undamped; the couple is fixed in space"
         ]
 
     @cached_property

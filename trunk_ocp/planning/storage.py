@@ -273,6 +273,11 @@ def _arrays(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
         ),
         "contact_force": (("time", "axis"), [x.contact_force for x in loads], {"units": "N"}),
         "contact_couple": (("time", "axis"), [x.contact_couple for x in loads], {"units": "N m"}),
+        **(
+            {"contact_lever": ("time", [x.contact_lever for x in loads], {"units": "m"})}
+            if any(x.contact_lever for x in loads)
+            else {}
+        ),
         "position": (
             ("time", "Z", "axis"),
             plan.shape.position(Z),

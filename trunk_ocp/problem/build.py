@@ -211,16 +211,20 @@ def _loads(spec: LoadsSpec, gravity: float, trunk: Trunk, where: str) -> Loads:
     """Loads of a phase; a log's weight and couple follow from its size (eq. 54)."""
     tip = np.asarray(spec.tip_force) + np.array([0.0, 0, spec.tip_mass * gravity])
     contact_from, force, couple = spec.contact_from, spec.contact_force, spec.contact_couple
+    lever = 0.0
     if spec.log is not None:
         log, weight = spec.log, _mass(spec.log) * gravity
         contact_from, force = log.contact_from, (0.0, 0.0, weight)
-        couple = (-log.offset * weight, 0.0, 0.0)
+        if log.hung:
+            lever = 0.0 - log.offset  # by eq. (54), where d2 is e_Y
+        else:
+            couple = (-log.offset * weight, 0.0, 0.0)
     if contact_from is not None and not contact_from < trunk.length:
         raise InputError(
             f"{where}.loads: contact_from = {contact_from:g}: expected less than the trunk's "
             f"length, {trunk.length:g} m."
         )
-    return Loads(gravity, vector(tip), contact_from, force, couple)
+    return Loads(gravity, vector(tip), contact_from, force, couple, lever)
 
 
 def _ramped(
@@ -298,10 +302,16 @@ def _pull(
 
 
 def _check_contact(steps: list[Step]) -> None:
-    """Raise InputError unless all contact starts at the same place."""
+    """Raise InputError unless all contact starts at the same place, and acts on one lever."""
     starts = {step.loads.contact_from for step in steps} - {None}
     if len(starts) > 1:
         raise InputError(
             f"phases: contact starts at {sorted(starts, key=str)} m in different phases; expected "
             "one place for the whole motion."
+        )
+    levers = {step.loads.contact_lever for step in steps if step.loads.contact_from is not None}
+    if len(levers) > 1:
+        raise InputError(
+            f"phases: the contact force acts on levers of {sorted(levers)} m in different phases; "
+            "expected one log offset for the whole motion, hung in all phases or in none."
         )

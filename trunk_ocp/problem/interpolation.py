@@ -124,10 +124,15 @@ def _loads(planned: Sequence[Loads], step: int, row: np.ndarray) -> Loads:
     """Loads from a row of the table, on the way to a time step (from 1)."""
     tip = row[PARTS["tip_force"]] + row[PARTS["tip_mass"]] + row[PARTS["pull"]]
     contact = row[PARTS["contact"]]
-    touching = [load.contact_from for load in planned[max(step - 2, 0) : step]]
-    contact_from = touching[-1] if touching[-1] is not None else touching[0]
+    before, last = planned[max(step - 2, 0)], planned[step - 1]
+    touching = last if last.contact_from is not None else before
     return Loads(
-        float(row[GRAVITY]), vector(tip), contact_from, vector(contact[:3]), vector(contact[3:])
+        float(row[GRAVITY]),
+        vector(tip),
+        touching.contact_from,
+        vector(contact[:3]),
+        vector(contact[3:]),
+        touching.contact_lever,
     )
 
 

@@ -94,6 +94,7 @@ def _numbers(step: Step, length: float, force: float, couple: float) -> np.ndarr
     loads = step.loads
     parts = [np.asarray(f) / force for f in (loads.tip_force, loads.contact_force)]
     parts.append(np.asarray(loads.contact_couple) / couple)
+    parts.append(np.array([loads.contact_lever / length]))
     parts += [step.box.lower, step.box.upper, step.change.lower, step.change.upper]
     if step.pull is not None:
         parts.append(np.array([step.pull[0] / force]))

@@ -197,6 +197,11 @@ class LogSpec(Strict):
     offset: Number = Field(
         default=0.0, description="distance from the log's middle to the grip, along e_Y, m"
     )
+    hung: bool = Field(
+        default=False,
+        description="whether the offset turns with the trunk, along -d2, so that the weight has a "
+        "potential; otherwise it makes a couple fixed in space (eq. 54)",
+    )
 
 
 class JumpSpec(Strict):

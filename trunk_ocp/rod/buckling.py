@@ -12,8 +12,9 @@ n_3 = N . d_3. Under a small rotation y(Z) in space axes, y(0) = 0, the energy c
                     - zeta_hat mean / K_0 (y . (N x d_3))^2) dZ,
 
 where chi_i = d_i . y' is the change of the spin zeta_hat u_i, B_i = K_i / (mean^2 zeta_hat) and
-M the moment in space axes. The first term is the rod's own stiffness; all others are due to the
-loads. The equilibrium is stable if Q is positive for every y (Trefftz's criterion).
+M the moment in space axes. A contact force on a lever along d_2 adds h_2 |y|^2 - (d_2 . y) (h . y),
+h being the lever times the force per length. The first term is the rod's own stiffness; all others
+are due to the loads. The equilibrium is stable if Q is positive for every y (Trefftz's criterion).
 
 A couple that keeps its direction in space is not conservative in three dimensions (Ziegler,
 Principles of Structural Stability, 1968). Its moment enters M, but its tangent, 1/2 l x eta in the
@@ -35,7 +36,7 @@ from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import check_activation
-from ..model.loads import Loads, internal_force
+from ..model.loads import Loads, internal_force, lever_density
 from .collocation import Mesh, gauss
 from .equations import loaded_extension
 from .shape import Shape
@@ -93,11 +94,13 @@ def buckling_margin(
     """
     batch, Z = shape.states.shape[:-3], shape.mesh.points.ravel()
     activations, each, which = matched(shape, activation, loads)
-    force = [internal_force(load, shape.trunk, Z) for load in each]
+    forces = [
+        (internal_force(load, shape.trunk, Z), lever_density(load, shape.trunk, Z)) for load in each
+    ]
     integral = integral_matrix(shape.mesh) if 3 * Z.size <= MAX_DENSE_UNKNOWNS else None
     margin, index = np.empty(batch), np.zeros(batch, dtype=int)
     for i in np.ndindex(batch):  # one by one, as a large batch would fill the memory
-        parts = integrand(shape[i], activations[i], force[which[i]])
+        parts = integrand(shape[i], activations[i], *forces[which[i]])
         if integral is not None:
             values = _eigenvalues(integral, *parts)
             margin[i], index[i] = values[0], np.count_nonzero(values < -NEUTRAL_MARGIN)
@@ -131,13 +134,14 @@ def matched(
 
 
 def integrand(
-    shape: Shape, activation: np.ndarray, N: np.ndarray
+    shape: Shape, activation: np.ndarray, N: np.ndarray, lever: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rate, by_turn and by_rate, (..., n, 3, 3), of Q as a sum over n Gauss points.
 
     Q = sum of |s|^2 + y . (by_turn y + by_rate y'), y' = rate s; the Gauss weights are in them.
 
-    activation : (..., muscles); N : (..., n, 3), force on the sections in N and space axes.
+    activation : (..., muscles); N : (..., n, 3), force on the sections in N and space axes;
+    lever : (..., n, 3), see `lever_density`.
     """
     trunk, mesh = shape.trunk, shape.mesh
     Z = mesh.points.ravel()
@@ -159,6 +163,11 @@ def integrand(
         - _per_matrix(weights * zeta) * _outer(d3, N)
         - _per_matrix(weights * zeta_hat * softness) * _outer(across, across)
     )
+    if np.any(lever):
+        d2 = d[..., 1, :]
+        along = np.sum(lever * d2, axis=-1)
+        by_turn += _per_matrix(weights * along) * np.eye(3)
+        by_turn -= _per_matrix(weights) * _outer(d2, lever)
     M = np.einsum("...i,...ij->...j", shape.moment(Z), d)
     by_rate = _per_matrix(weights) * np.cross(np.eye(3), M[..., None, :])
     return rate, by_turn, by_rate

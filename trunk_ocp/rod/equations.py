@@ -14,7 +14,7 @@ import numpy as np
 
 from ..model.activation import stiffness
 from ..model.anatomy import Trunk
-from ..model.loads import Loads, couple_density, internal_force
+from ..model.loads import Loads, couple_density, internal_force, lever_density
 from ..model.quaternions import Scalar, directors, dot, product
 
 # The state, and the rates, which add r'.
@@ -29,16 +29,20 @@ STRAIN, MEAN, TIP_FORCE = slice(7, 11), 11, slice(12, 15)
 PARAMETERS = 11
 TAPER, STIFFNESS, FORCE, COUPLE = 0, slice(1, 5), slice(5, 8), slice(8, 11)
 
+# And where the contact force acts on a lever.
+HUNG_PARAMETERS, LEVER = 14, slice(11, 14)
+
 
 @cache
-def rates() -> ca.Function:
+def rates(hung: bool = False) -> ca.Function:
     """Right-hand side (w, p) -> (q', m', r') of the boundary value problem (14), per meter of Z.
 
     w (15): q (4), m (3) in N m; zeta_hat, c (3) in 1/m, mean extension; tip force V (3) in N.
     p (11): f(Z); K_0, K_1, K_2, K_3 of the initial shape; force (3) in N on the section
-    apart from V and couple density (3) in N, both in space axes.
+    apart from V and couple density (3) in N, both in space axes. Of hung rods p has 14: lever times
+    contact force per length (3) in N, in space axes, which acts as the couple density d_2 x it.
     """
-    w, p = rate_arguments()
+    w, p = rate_arguments(hung)
     q, m = ca.vertsplit(w[ORIENTATION]), ca.vertsplit(w[MOMENT])
     (zeta_hat, *c), mean = ca.vertsplit(w[STRAIN]), w[MEAN]
     taper, (K0, *K) = p[TAPER], ca.vertsplit(p[STIFFNESS])
@@ -47,6 +51,9 @@ def rates() -> ca.Function:
     d = directors(q)
     n1, n2, n3 = (dot(d_i, force) for d_i in d)
     l1, l2, l3 = (dot(d_i, couple) for d_i in d)
+    if hung:
+        lever = ca.vertsplit(p[LEVER])
+        l1, l3 = l1 + dot(d[2], lever), l3 - dot(d[0], lever)
     zeta = loaded_extension(zeta_hat, mean, n3, K0)
     u1, u2, u3 = (
         loaded_curvature(c_i / taper, mean, m_i, K_i) for c_i, m_i, K_i in zip(c, m, K, strict=True)
@@ -62,9 +69,9 @@ def rates() -> ca.Function:
     return ca.Function("rates", [w, p], [ca.vertcat(*dq, *dm, *dr)], ["w", "p"], ["rates"])
 
 
-def rate_arguments() -> tuple[ca.SX, ca.SX]:
+def rate_arguments(hung: bool = False) -> tuple[ca.SX, ca.SX]:
     """Symbols (w, p) for `rates`."""
-    return ca.SX.sym("w", ARGUMENTS), ca.SX.sym("p", PARAMETERS)
+    return ca.SX.sym("w", ARGUMENTS), ca.SX.sym("p", HUNG_PARAMETERS if hung else PARAMETERS)
 
 
 def loaded_extension(zeta_hat: Scalar, mean: Scalar, n3: Scalar, K0: Scalar) -> Scalar:
@@ -84,9 +91,16 @@ def loaded_curvature(u_hat: Scalar, mean: Scalar, m: Scalar, K: Scalar) -> Scala
     return u_hat + m * mean**2 / K
 
 
-def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray) -> np.ndarray:
-    """Parameters p of `rates` (11, n) at points Z (n,), without the tip force, which is in w."""
+def is_hung(loads: Loads) -> bool:
+    """Whether the contact force acts on a lever, so that `rates` needs more parameters."""
+    return loads.contact_lever != 0
+
+
+def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray, hung: bool = False) -> np.ndarray:
+    """Parameters p of `rates` (11, n) at points Z (n,), without the tip force, which is in w.
+
+    Of hung rods (14, n).
+    """
     force = internal_force(loads, trunk, Z) - np.asarray(loads.tip_force)
-    return np.vstack(
-        [trunk.taper(Z), stiffness(trunk, Z).T, force.T, couple_density(loads, trunk, Z).T]
-    )
+    rows = [trunk.taper(Z), stiffness(trunk, Z).T, force.T, couple_density(loads, trunk, Z).T]
+    return np.vstack([*rows, lever_density(loads, trunk, Z).T] if hung else rows)

@@ -30,14 +30,14 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
-from ..model.loads import Loads, couple_density, internal_force
+from ..model.loads import Loads, couple_density, internal_force, lever_density
 from .buckling import integral_matrix, integrand, matched, quadratic_form
 from .collocation import gauss
 from .equations import loaded_extension
 from .shape import Shape
 
 MODES = 16
-"""Lowest modes that count. The meshes of plans resolve them to 1e-5, and tissue damps others."""
+"""Lowest modes that count. The meshes of plans resolve them to 1e-4, and tissue damps others."""
 MAX_DENSE_UNKNOWNS = 400  # of one matrix; beyond, only the lowest modes are computed
 ROUND_OFF = 1e-6  # of a rate, below which its real or imaginary part is zero
 MIN_GROWTH = 1e-3
@@ -99,7 +99,7 @@ def flutter(
     activation : (..., muscles)
     loads : Loads, or one for each shape along the last batch axis
     contact_mass : float
-        In kg, spread over [Z_w, L] as the contact force is: what the trunk carries there.
+        In kg, spread over [Z_w, L] and on the lever of the contact force: what the trunk carries.
     tip_mass : float
         In kg, at the tip.
 
@@ -137,7 +137,7 @@ def _matrices(
     Z, n = mesh.points.ravel(), mesh.points.size
     weights = (mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)).ravel()
     integral, N = integral_matrix(mesh), internal_force(load, trunk, Z)
-    parts = integrand(shape, activation, N)
+    parts = integrand(shape, activation, N, lever_density(load, trunk, Z))
     turn = np.einsum("kl,lai->kali", integral, parts[0]).reshape(n, 3, 3 * n)
     K = np.eye(4 * n)
     K[: 3 * n, : 3 * n] = quadratic_form(integral, *parts)
@@ -165,8 +165,9 @@ def _matrices(
     carried = np.zeros(n)
     if load.contact_from is not None:
         carried = weights * (Z > load.contact_from) / (trunk.length - load.contact_from)
-    M = _sum_of(v, (own + contact_mass * carried)[:, None, None] * v)
-    M += tip_mass * tip.T @ tip
+    M = _sum_of(v, own[:, None, None] * v) + tip_mass * tip.T @ tip
+    v[..., : 3 * n] -= np.cross((load.contact_lever * d[:, 1])[:, None], turn, axisb=1, axisc=1)
+    M += _sum_of(v, (contact_mass * carried)[:, None, None] * v)
     spin = d @ turn
     inertia = (own * radius**2 / mean / 4)[:, None] * np.array([1.0, 1.0, 2.0])
     M[: 3 * n, : 3 * n] += _sum_of(spin, inertia[..., None] * spin)

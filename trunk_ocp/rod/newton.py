@@ -44,7 +44,7 @@ def newton(rods: RodBatch, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _step(rods: RodBatch, states: np.ndarray, w: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Newton step for states (B, E, d + 1, 7); w and p as in `RodBatch.arguments`."""
     mesh, element = rods.mesh, gauss(rods.mesh.degree)
-    rate, slope = evaluate(_rates_and_slope(), states[..., 1:, :], w, p)
+    rate, slope = evaluate(_rates_and_slope(rods.hung), states[..., 1:, :], w, p)
     residual = (
         np.einsum("ij,...jx->...ix", element.derivative, states)
         - mesh.widths[:, None, None] * rate[..., :STATES]
@@ -67,10 +67,10 @@ def _gaps(mesh: Mesh, states: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _rates_and_slope() -> ca.Function:
+def _rates_and_slope(hung: bool) -> ca.Function:
     """`rates` with the Jacobian of (q', m') by the state, both as columns."""
-    w, p = rate_arguments()
-    value = rates()(w, p)
+    w, p = rate_arguments(hung)
+    value = rates(hung)(w, p)
     slope = ca.jacobian(value[:STATES], w)[:, :STATES]
     return ca.Function("rates_and_slope", [w, p], [value, ca.vec(ca.densify(slope.T))])
 
@@ -81,7 +81,7 @@ def compressed(rods: RodBatch, states: np.ndarray) -> np.ndarray:
     Looks at the Gauss points and, by their polynomials, at both ends of each element.
     """
     with np.errstate(all="ignore"):
-        (rate,) = evaluate(rates(), states[..., 1:, :], *rods.arguments)
+        (rate,) = evaluate(rates(rods.hung), states[..., 1:, :], *rods.arguments)
         zeta = extension(states[..., 1:, ORIENTATION], rate[..., POSITION])
         to_ends = gauss(rods.mesh.degree).from_nodes(np.array([0.0, 1.0]))
         ends = np.einsum("ij,bkj->bki", to_ends, zeta)

@@ -15,7 +15,17 @@ from ..model.anatomy import Trunk
 from ..model.head import base_pose
 from ..model.loads import Loads
 from .collocation import Mesh, gauss
-from .equations import ARGUMENTS, ORIENTATION, PARAMETERS, POSITION, STATES, point_parameters, rates
+from .equations import (
+    ARGUMENTS,
+    HUNG_PARAMETERS,
+    ORIENTATION,
+    PARAMETERS,
+    POSITION,
+    STATES,
+    is_hung,
+    point_parameters,
+    rates,
+)
 from .shape import Shape
 from .unloaded import unloaded_states
 
@@ -48,9 +58,17 @@ class RodBatch:
         """Strain numbers (B, segments, 4); see `activation.strains`."""
         return strains(self.trunk, self.activation)
 
+    @property
+    def hung(self) -> bool:
+        """Whether the contact force of any rod acts on a lever; see `rates`."""
+        return any(map(is_hung, self.loads))
+
     @cached_property
     def arguments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Arguments of `rates` besides the states: (8, B, E, d) of w and (11, B, E, d) of p."""
+        """Arguments of `rates` besides the states: (8, B, E, d) of w and (11, B, E, d) of p.
+
+        Of hung rods p is (14, B, E, d).
+        """
         B, E, d = len(self.loads), self.mesh.elements, self.mesh.degree
         w = np.empty((ARGUMENTS - STATES, B, E, d))
         segment = segment_at(self.trunk, self.mesh.points[:, 0])
@@ -59,10 +77,11 @@ class RodBatch:
         tip = np.array([load.tip_force for load in self.loads]).reshape(B, 3)
         w[5:] = tip.T[:, :, None, None]
         Z = self.mesh.points.ravel()
-        by_load = {load: point_parameters(self.trunk, load, Z) for load in {*self.loads}}
-        p = np.empty((PARAMETERS, B, E, d))
+        hung = self.hung
+        by_load = {load: point_parameters(self.trunk, load, Z, hung) for load in {*self.loads}}
+        p = np.empty((HUNG_PARAMETERS if hung else PARAMETERS, B, E, d))
         for i, load in enumerate(self.loads):
-            p[:, i] = by_load[load].reshape(PARAMETERS, E, d)
+            p[:, i] = by_load[load].reshape(len(p), E, d)
         return w, p
 
     def unloaded(self) -> np.ndarray:
@@ -75,7 +94,7 @@ class RodBatch:
 
     def shape(self, states: np.ndarray, batch: tuple[int, ...]) -> Shape:
         """Shapes of states (B, ...), with the centerline integrated from the base."""
-        (rate,) = evaluate(rates(), states[..., 1:, :], *self.arguments)
+        (rate,) = evaluate(rates(self.hung), states[..., 1:, :], *self.arguments)
         slopes = rate[..., POSITION]
         weights = gauss(self.mesh.degree).integral(1.0)
         steps = np.einsum("d,bkdc->bkc", weights, slopes) * self.mesh.widths[:, None]
@@ -116,5 +135,5 @@ def evaluate(
     sizes = [function.size1_out(i) for i in range(function.n_out())]
     if not states.size:
         return [np.zeros((*points, size)) for size in sizes]
-    values = function.call([columns, p.reshape(PARAMETERS, -1)])
+    values = function.call([columns, p.reshape(len(p), -1)])
     return [np.asarray(value).T.reshape(*points, -1) for value in values]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from .._support.arguments import check_arguments
-from ..errors import StaticsError, TrunkError
+from ..errors import InputError, StaticsError, TrunkError
 from ..model.activation import segment_at, segment_fractions, stiffness, strain_matrix
 from ..model.anatomy import Trunk
 from ..model.head import base_pose, base_slopes
@@ -26,7 +26,16 @@ from ..model.loads import Loads
 from ..model.quaternions import tangent_slope
 from .arguments import Controls, check_map_arguments, check_points, check_start
 from .collocation import mesh_for
-from .equations import COUPLE, FORCE, MOMENT, ORIENTATION, POSITION, RATES, point_parameters
+from .equations import (
+    COUPLE,
+    FORCE,
+    MOMENT,
+    ORIENTATION,
+    POSITION,
+    RATES,
+    is_hung,
+    point_parameters,
+)
 from .point_shapes import PointShapes
 from .shape import points_on
 
@@ -64,7 +73,7 @@ class ShapeMap:
     TrunkError
         If numba is not installed.
     InputError
-        For points off the trunk, and other invalid arguments.
+        For points off the trunk, a contact force on a lever, and other invalid arguments.
 
     Notes
     -----
@@ -84,6 +93,10 @@ class ShapeMap:
         strict: bool = True,
     ) -> None:
         loads = Loads() if loads is None else loads
+        if is_hung(loads):
+            raise InputError(
+                "loads.contact_lever: ShapeMap has no contact force on a lever; use solve_statics."
+            )
         check_map_arguments(trunk, at, steps, threads)
         self.trunk, self.loads, self.threads, self.strict = trunk, loads, threads, strict
         self._kernels, self._halvings = _kernels(), MAX_HALVINGS

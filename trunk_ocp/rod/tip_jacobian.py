@@ -59,7 +59,7 @@ def tip_jacobian(
     if shape.states.ndim != 3 or activation.ndim != 1 or head.ndim != 1:
         raise InputError("shape, activation, head: expected one of each, no batch.")
     rod = RodBatch(trunk, mesh, activation[None], head[None], [loads])
-    (columns,) = evaluate(_rates_jacobian(), shape.states[None, :, 1:], *rod.arguments)
+    (columns,) = evaluate(_rates_jacobian(rod.hung), shape.states[None, :, 1:], *rod.arguments)
     jacobian = columns[0].reshape(mesh.elements, mesh.degree, STATES + STRAINS, RATES)
     by_state, by_strain = np.split(jacobian.swapaxes(-1, -2), [STATES], axis=-1)
     forced = by_strain @ _strain_slopes(shape)[:, None]  # (E, d, 10, muscles + 2)
@@ -83,10 +83,10 @@ def tip_jacobian(
 
 
 @cache
-def _rates_jacobian() -> ca.Function:
+def _rates_jacobian(hung: bool) -> ca.Function:
     """Jacobian of `rates` by states (7) and strains (5), column by column."""
-    w, p = rate_arguments()
-    jacobian = ca.jacobian(rates()(w, p), w)[:, : STATES + STRAINS]
+    w, p = rate_arguments(hung)
+    jacobian = ca.jacobian(rates(hung)(w, p), w)[:, : STATES + STRAINS]
     return ca.Function("rates_jacobian", [w, p], [ca.vec(ca.densify(jacobian))])
 
 

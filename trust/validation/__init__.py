@@ -5,13 +5,25 @@ To add a subject, write a module with a tuple `CASES` and add it here.
 
 from __future__ import annotations
 
-from . import balance, beams, buckling, convergence, elastica, helices, invariances, limits, trunk
+from . import (
+    balance,
+    beams,
+    buckling,
+    convergence,
+    elastica,
+    flutter,
+    helices,
+    invariances,
+    limits,
+    trunk,
+)
 from .case import Case, CoveredByTest
 
 CASES: tuple[Case | CoveredByTest, ...] = (
     *elastica.CASES,
     *beams.CASES,
     *buckling.CASES,
+    *flutter.CASES,
     *helices.CASES,
     *trunk.CASES,
     *balance.CASES,
