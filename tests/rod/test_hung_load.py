@@ -14,7 +14,7 @@ from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import as_built, build_motion
 from trunk_ocp.problem.interpolation import loads_at
-from trunk_ocp.problem.mirror import mirrored_motion, mirrored_controls
+from trunk_ocp.problem.mirror import mirrored_controls, mirrored_motion
 from trunk_ocp.rod.buckling import buckling_margin
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.equations import point_parameters, rates

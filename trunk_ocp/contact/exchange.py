@@ -38,8 +38,6 @@ NEAREST = 0.004
 """Smallest distance of rows of one body along the trunk, over L."""
 OVERSHOOT = 1.2
 """Tightening over what is missing, which saves a plan: other steps move a little, too."""
-TIME_TOL = 1e-9
-"""Difference in s of equal times."""
 MAX_PAIRS = 6
 """Pairs of sections that become rows of a time step in one exchange, the deepest ones."""
 
@@ -64,12 +62,6 @@ class Exchange:
     def count(self) -> int:
         """Number of rows of all steps."""
         return sum(map(len, self.rows.values()))
-
-    def moved(self, motion: Motion) -> Exchange:
-        """The same gaps for the same motion with more time steps."""
-        place = np.searchsorted(motion.times, self.motion.times - TIME_TOL).tolist()
-        rows = rows_for(motion, {place[t]: rows for t, rows in self.rows.items()})
-        return Exchange(motion, rows, {(place[t], b): d for (t, b), d in self.extra.items()})
 
     def add(self, x: np.ndarray, shape: Shape) -> int:
         """Add rows where planned shapes (H,) are too close to a body; returns how many."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
 from ..problem.interpolation import interpolate_all
@@ -15,8 +17,11 @@ from .planning_run import PlanningRun
 
 MAX_ROUNDS = 25
 """Plans with the same time steps that find out which gaps to keep; shipped motions need 2 to 4."""
-MAX_INSERTIONS = 3
+MAX_INSERTIONS = 2
 """How often time steps are inserted."""
+DETOUR, LEAST_ACTIVATION, LEAST_TURN = 2.0, 0.1, 0.05
+"""Largest change on the way to a time step, over that of the plan without detour; and what is
+allowed at least: activation, and rad of a head angle."""
 MAX_TIGHTENING = 5e-3
 """Collision between time steps that larger gaps at the steps may cure, over the trunk's length;
 9 mm for the elephant. A deeper one needs more time steps."""
@@ -32,16 +37,16 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     exchange = Exchange(run.motion)
     for insertions in range(MAX_INSERTIONS + 1):
         plan, deep = _exchanged(plan, run, exchange)
-        motion = _refined(run.motion, deep)
+        motion = _refined(plan, deep)
         if insertions == MAX_INSERTIONS or motion is None:
             break
         before, count = len(run.motion.steps), len(motion.steps)
         run.optimizer.reporter.note(
             f"Planning again with {count} time steps instead of {before}, to get around bodies."
         )
-        exchange = exchange.moved(motion)
+        exchange = Exchange(motion)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
-        again = replace(run, start=None, checkpoint=None, gaps=exchange.rows)
+        again = replace(run, start=None, checkpoint=None)
         run = replace(again, motion=motion, lookahead=count, guess=guess)
         plan = run.run()
     return plan
@@ -71,9 +76,22 @@ def _exchanged(plan: Plan, run: PlanningRun, exchange: Exchange) -> tuple[Plan, 
     return plan, []
 
 
-def _refined(motion: Motion, deep: Sequence[Gap]) -> Motion | None:
-    """The motion with more time steps in the phases with collisions; None if that is no use."""
+def _refined(plan: Plan, deep: Sequence[Gap]) -> Motion | None:
+    """The motion with more time steps in the phases with collisions; None if that is no use.
+
+    The new steps must lead somewhere: without bounds on change, one may go around a body on the
+    left and the next on the right.
+    """
     if not deep:
         return None
-    spec = refined_spec(motion.spec, {motion.steps[gap.step].phase for gap in deep})
+    motion = plan.motion
+    step_phases = np.array([step.phase for step in motion.steps])
+    change = np.abs(np.diff(plan.trajectory, axis=0))
+    changes = {}
+    for phase in sorted({motion.steps[gap.step].phase for gap in deep}):
+        inside = change[step_phases == phase].max(axis=0)
+        widest = (inside[:-2].max(), inside[-2], inside[-1])
+        least = (LEAST_ACTIVATION, LEAST_TURN, LEAST_TURN)
+        changes[phase] = tuple(max(DETOUR * a, b) for a, b in zip(widest, least, strict=True))
+    spec = refined_spec(motion.spec, changes)
     return None if spec is None else motion.with_spec(spec)

@@ -7,7 +7,7 @@ the same thing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -97,17 +97,30 @@ def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
     return valid_spec(edited, f"without {', '.join(muscles)}")
 
 
-def refined_spec(spec: ProblemSpec, phases: Collection[int]) -> ProblemSpec | None:
-    """The problem with twice as many time steps in some phases (from 0), the new ones free.
+def refined_spec(
+    spec: ProblemSpec, changes: Mapping[int, tuple[float, float, float]]
+) -> ProblemSpec | None:
+    """The problem with twice as many time steps in some phases, the new ones free.
 
     None if that is more than a problem file may have.
+
+    Parameters
+    ----------
+    changes : dict
+        For each of these phases (from 0) that has no free steps yet, the largest change of any
+        activation, psi_Z and psi_Y (rad) from one time step with targets to the next. The phase's
+        own narrower bounds stay.
     """
-    parts = tuple(
-        phase.model_copy(update={"free_steps": 2 * phase.free_steps + 1}) if n in phases else phase
-        for n, phase in enumerate(spec.phases)
-    )
+    phases = list(spec.phases)
+    for n, (activation, *head) in changes.items():
+        phase, (z, y) = phases[n], np.degrees(head).tolist()
+        update: dict[str, Any] = {"free_steps": 2 * phase.free_steps + 1}
+        if not phase.free_steps:
+            limit = ChangeSpec(activation=activation, head_z_deg=(-z, z), head_y_deg=(-y, y))
+            update["change"] = (limit, *phase.change)
+        phases[n] = phase.model_copy(update=update)
     try:
-        return valid_spec(spec.model_copy(update={"phases": parts}), "free_steps")
+        return valid_spec(spec.model_copy(update={"phases": tuple(phases)}), "free_steps")
     except InputError:
         return None
 
