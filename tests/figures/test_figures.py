@@ -322,7 +322,7 @@ def test_head_and_obstacles_are_drawn_once_a_row_and_have_a_legend(tmp_path):
         figure = shapes.shapes_figure(plan, [row])
     assert {"head", "obstacle"} <= set(texts(figure))
     for axes in figure.axes:  # the ground has no end, and no room of its own
-        assert max(axes.get_ylim()) < 2.0
+        assert max(axes.get_ylim()) < 2.3
 
 
 def test_the_head_is_drawn_as_it_is_turned():

@@ -115,6 +115,20 @@ def test_the_documented_motion_is_solved(tmp_path):
     assert len(plan.x) == 6
 
 
+def test_the_documented_obstacles_fit_the_documented_motion(tmp_path):
+    text = page("docs/how-to/new-motion.md")
+    (motion,) = blocks(text, "{file} scratch.toml")
+    (obstacles,) = (block for block in blocks(text, "toml") if "[[obstacles]]" in block)
+    path = tmp_path / "scratch.toml"
+    path.write_text(motion + obstacles)
+    loaded = to.load_motion(path)
+    assert loaded.contact == {"self", "head", "log", "obstacles"}
+    names = [
+        [solid.name for solid in step.solids if solid.group == "obstacles"] for step in loaded.steps
+    ]
+    assert names == [["post", "ground"]] + 5 * [["post", "ground", "crate"]]
+
+
 def test_every_other_problem_in_the_documentation_is_read(tmp_path):
     shown = [
         block

@@ -53,6 +53,10 @@ def is_section(value):
     return isinstance(value, type) and issubclass(value, Strict)
 
 
+# Sections made by a call, as a key is a keyword of Python; whether their keys are required.
+MADE = {"_WithFrom": {"from": False}}
+
+
 def has_default(value):
     """Whether what a key is set to in the source gives it a default."""
     if isinstance(value, ast.Call) and value.func.id == "Field":
@@ -65,7 +69,9 @@ def test_a_key_is_required_unless_the_source_gives_it_a_default(section):
     """With pydantic before 2.11.5, one key's default could become that of others."""
     written = {}
     for part in reversed(section.__mro__):
-        if is_section(part) and part is not Strict:
+        if part.__name__ in MADE:
+            written |= MADE[part.__name__]
+        elif is_section(part) and part is not Strict:
             (body,) = ast.parse(inspect.getsource(part)).body
             keys = [node for node in body.body if isinstance(node, ast.AnnAssign)]
             written |= {key.target.id: not has_default(key.value) for key in keys}

@@ -12,7 +12,7 @@ from trunk_ocp.figures import film, shapes
 from trunk_ocp.problem.mirror import mirrored_motion
 from trunk_ocp.problem.motion import LENGTH_OVER_RADIUS
 from trunk_ocp.rod.statics import solve_statics
-from trunk_ocp.scene.colors import MASS
+from trunk_ocp.scene.colors import HEAD, MASS
 from trunk_ocp.scene.moments import moments_at, phase_at
 from trunk_ocp.scene.surroundings import logs, marks, tip_mass
 from trunk_ocp.viewer.payload import payload
@@ -104,10 +104,11 @@ def in_film(plan, moment):
 
 
 def in_figure(plan, phase):
-    """Objects at the end of a phase's row, besides the trunk."""
+    """Objects at the end of a phase's row, besides trunk and head."""
     row = shapes.row_of(plan, phase)
     surfaces = shapes.layer(plan, row, len(row.trunks) - 1)[1:]
-    return row.trunks[-1], [Solid.of_facets(s.facets, s.color) for s in surfaces]
+    objects = (surface for surface in surfaces if surface.color != HEAD)
+    return row.trunks[-1], [Solid.of_facets(s.facets, s.color) for s in objects]
 
 
 @pytest.fixture(scope="module")

@@ -576,7 +576,7 @@ def test_head_and_obstacles_are_shown_in_their_phases_and_hidden(visit, tmp_path
 def test_the_head_turns_about_its_pivot(visit, pages):
     tab, plan = visit(pages["both"]), planned("lift-log", "sequential")
     tab.evaluate("trunkPage.seek(trunkPage.clock.duration)")
-    settled(tab)
+    until(tab, "Math.abs(trunkPage.stage.scenes[0].head.rotation.z) > 0.1")
     points = np.array(
         tab.evaluate(
             """() => {

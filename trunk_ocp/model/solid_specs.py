@@ -14,8 +14,6 @@ from .._support.toml_files import NonNegative, Pair, Positive, Strict, Text, Vec
 
 MAX_SOLIDS = 50
 """Most obstacles of a motion, and parts of a head."""
-MOUTH_TOL = 1e-3
-"""Distance in m of the mouth from the surface of the head that a file may have."""
 
 Shape = Literal["sphere", "capsule", "half-space", "box", "ellipsoid"]
 Frame = Literal["space", "head"]
@@ -31,12 +29,19 @@ KEYS: dict[str, tuple[str, ...]] = {
 ROTATION = "rotation_deg"
 ROTATED = ("box", "ellipsoid")
 
+
+class _Start(Strict):
+    name: Text = Field(description="name for messages and pictures")
+    shape: Shape = Field(description="which keys it has follows from the shape")
+    center: Vec3 | None = Field(default=None, description="center, m")
+
+
 if TYPE_CHECKING:
-    FromKey = Strict
+    _WithFrom = _Start
 else:
-    FromKey = create_model(
-        "FromKey",
-        __base__=Strict,
+    _WithFrom = create_model(
+        "_WithFrom",
+        __base__=_Start,
         **{
             "from": (
                 Vec3 | None,
@@ -46,7 +51,7 @@ else:
     )
 
 
-class SolidSpec(FromKey):
+class SolidSpec(_WithFrom):
     """A convex solid.
 
     A sphere has `center`, `radius`; a capsule `from`, `to`, `radius`; a half-space `point`,
@@ -54,9 +59,6 @@ class SolidSpec(FromKey):
     ellipsoid may have a `rotation_deg`.
     """
 
-    name: Text = Field(description="name for messages and pictures")
-    shape: Shape = Field(description="which keys it has follows from the shape")
-    center: Vec3 | None = Field(default=None, description="center, m")
     to: Vec3 | None = Field(default=None, description="where the axis of a capsule ends, m")
     radius: Positive | None = Field(default=None, description="of a sphere or a capsule, m")
     point: Vec3 | None = Field(default=None, description="a point of a half-space's surface, m")

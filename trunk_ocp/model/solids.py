@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -75,6 +76,7 @@ class Solid:
     Z: tuple[float, float] = (0.0, np.inf)
 
 
+@lru_cache(maxsize=256)  # motions are built again for every small move of a control loop
 def built_solid(spec: SolidSpec, group: Group, frame: Frame) -> Solid:
     """The solid that a file describes."""
     read = {key: np.array(getattr(spec, key)) for key in KEYS[spec.shape]}

@@ -108,13 +108,15 @@ def weights_to_shapes(weights: np.ndarray) -> np.ndarray:
 def _add_solids(file: _File, plan: Plan, keys: np.ndarray, times: np.ndarray) -> None:
     """Add head and obstacles; the head turns at `keys` (k,) in s as it does at `times` (k,)."""
     motion = plan.motion
-    z, y = curves(plan, times)[:, -2:].T
-    turns = np.stack(product(about_z(z), about_y(y)), axis=-1)[:, [1, 2, 3, 0]]
-    sampler = file.sampler_of(keys, turns, "VEC4")
     phases: dict[Solid, list[str]] = {solid: [] for solid in head_solids(motion.trunk)}
     for number, phase in enumerate(motion.phases):
         for solid in obstacles(plan, number):
             phases.setdefault(solid, []).append(phase.name)
+    sampler = -1
+    if any(solid.frame == "head" for solid in phases):
+        z, y = curves(plan, times)[:, -2:].T
+        turns = np.stack(product(about_z(z), about_y(y)), axis=-1)[:, [1, 2, 3, 0]]
+        sampler = file.sampler_of(keys, turns, "VEC4")
     for solid, names in phases.items():
         surface = shaded(solid_surface(solid, motion.trunk.length).body)
         extras = {"solid": solid.group} | ({"phases": names} if names else {})

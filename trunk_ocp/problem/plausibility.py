@@ -19,6 +19,7 @@ from ..model.loads import Vector, mass_beyond
 from ..model.overlaps import overlapping
 from .motion import Motion, Step
 from .problem_file import MAX_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
+from .solid_plausibility import of_mouth, of_obstacles
 from .targets import Target, bezier, way_points
 
 MAX_WARNINGS = 20
@@ -45,7 +46,9 @@ def plausibility_warnings(motion: Motion, problem: Path, anatomy: Path) -> tuple
         for file, findings in (
             (anatomy, _of_anatomy(motion.anatomy, motion.gravity)),
             (anatomy, _of_muscles(motion.trunk)),
+            (anatomy, of_mouth(motion.trunk)),
             (problem, _of_problem(motion)),
+            (problem, of_obstacles(motion.spec.obstacles, motion.trunk)),
         )
         for key, value, text in findings
     ]

@@ -269,6 +269,6 @@ function solidMesh({ points, normals, triangles, color, group, turns, shown }, p
 function headGroup(pivot, solids) {
   const group = new THREE.Group();
   group.position.set(...pivot);
-  group.add(...solids.filter((mesh) => mesh.userData.turns));
+  for (const mesh of solids) if (mesh.userData.turns) group.add(mesh);
   return group;
 }
