@@ -21,10 +21,10 @@ def of_mouth(trunk: Trunk) -> Iterator[tuple[str, object, str]]:
     mouth, body = trunk.head.mouth, head_solids(trunk)
     if mouth is None or not body:
         return
-    away = float(min(signed_distance(solid, np.array(mouth.point))[0] for solid in body))
+    away = float(min(signed_distance(solid, np.array(mouth[0]))[0] for solid in body))
     if abs(away) > MOUTH_TOL:
         side = "outside" if away > 0 else "inside"
-        yield "head.mouth.point", mouth.point, f"{1e3 * abs(away):.3g} mm {side} of the head's body"
+        yield "head.mouth[0]", mouth[0], f"{1e3 * abs(away):.3g} mm {side} of the head's body"
 
 
 def of_obstacles(
