@@ -88,6 +88,13 @@ class _Body:
         return self.gap.joined(self.gap, min(self.bound, float(self.bounds.min(initial=np.inf))))
 
 
+def _observer(solid: Solid | None) -> str:
+    """What the trunk is seen from: solids of one observer move in the same way."""
+    if solid is None:
+        return "space"
+    return "log" if solid.group == "log" else solid.frame
+
+
 @dataclass(eq=False)
 class _Way:
     """The motion to a time step: `cells` (2, C) are the samples at the ends of pieces of time."""
@@ -108,6 +115,7 @@ class _Way:
         accuracy = ACCURACY * samples.motion.trunk.length
         ends = [samples.discs(index) for index in (self.cells[0], middle, self.cells[1])]
         error = cell_errors(*ends)
+        known: dict[tuple[str, bytes], Cells] = {}
         for body in self.bodies:
             chosen = np.ones(middle.size, dtype=bool)
             if not everything:
@@ -116,9 +124,12 @@ class _Way:
                     continue
             first, mid, last = self.cells[0, chosen], middle[chosen], self.cells[1, chosen]
             halves = np.concatenate([[first, mid], [mid, last]], axis=1)
-            tubes = [samples.seen(index, body.solid, self.step) for index in halves]
-            errors = np.concatenate([error[chosen], error[chosen]])
-            cells = Cells(samples.times[halves], tubes[0], tubes[1], errors)
+            seen_from = _observer(body.solid)
+            if (key := (seen_from, chosen.tobytes())) not in known:
+                tubes = [samples.seen(index, body.solid) for index in halves]
+                errors = np.concatenate([error[chosen], error[chosen]])
+                known[key] = Cells(samples.times[halves], tubes[0], tubes[1], errors)
+            cells = known[key]
             gap, bounds = (
                 self_gap(self.step, cells)
                 if body.solid is None
@@ -189,14 +200,13 @@ class _Samples:
         """The trunk at some samples, in space."""
         return self._tube[index]
 
-    def seen(self, index: np.ndarray, solid: Solid | None, step: int) -> Tube:
-        """The trunk at some samples as a solid sees it that moves on the way to a step."""
-        discs = self.discs(index)
-        if solid is None:
-            return discs
+    def seen(self, index: np.ndarray, solid: Solid | None) -> Tube:
+        """The trunk at some samples as a solid sees it, which may move."""
         muscles = len(self.motion.trunk.muscles)
-        discs = seen_by(self.motion.trunk, discs, solid, self._table[index, muscles : muscles + 2])
-        if solid.group == "log":
+        frame = "space" if solid is None else solid.frame
+        head = self._table[index, muscles : muscles + 2]
+        discs = seen_by(self.motion.trunk, self.discs(index), frame, head)
+        if solid is not None and solid.group == "log":
             shift = self._table[index, muscles + 2 :] - solid.center
             discs = replace(discs, center=discs.center - shift[:, None])
         return discs
