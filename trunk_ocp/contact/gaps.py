@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -61,11 +60,6 @@ class Gap:
         """By how much the gap is too small, in m; negative if it is not."""
         return self.least - self.gap
 
-    def joined(self, other: Gap, bound: float) -> Gap:
-        """The smaller of two gaps to the same body, with another lower bound."""
-        smaller = self if self.gap <= other.gap else other
-        return replace(smaller, bound=min(bound, smaller.gap))
-
 
 @dataclass(frozen=True, eq=False)
 class Cells:
@@ -85,6 +79,12 @@ class Cells:
     def instants(discs: Tube, times: np.ndarray) -> Cells:
         """Shapes at instants, as cells of no duration."""
         return Cells(np.stack([times, times]), discs, discs, error_along(discs))
+
+    def chosen(self, index: np.ndarray) -> Cells:
+        """Some of the cells."""
+        first = self.first[index]
+        last = first if self.last is self.first else self.last[index]
+        return Cells(self.times[:, index], first, last, self.error[index])
 
     def part(self, start: int, stop: int) -> Cells:
         """Some neighboring discs of the same cells; kept, as many solids ask for the same."""
@@ -119,36 +119,39 @@ class Cells:
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
     """Gaps of planned controls x (H, muscles + 2) and shapes (H,) to all bodies of each step."""
     discs = tube(motion.trunk, shape, section_points(motion))
-    return [
-        gap
-        for t, step in enumerate(motion.steps[: len(x)])
-        for gap in _gaps(motion, step.solids, discs[t : t + 1], x[t, -2:], t, step.time)
-    ]
+    steps = motion.steps[: len(x)]
+    times = np.array([step.time for step in steps])
+    return _gaps(motion, [step.solids for step in steps], discs, x[:, -2:], times)
 
 
 def gaps_at_rest(motion: Motion, shape: Shape) -> list[Gap]:
     """Gaps of the passive shape, batch axis (1,), to all bodies of the first step."""
     discs = tube(motion.trunk, shape, section_points(motion))
-    return _gaps(motion, motion.steps[0].solids, discs, np.zeros(2), 0, 0.0)
+    return _gaps(motion, [motion.steps[0].solids], discs, np.zeros((1, 2)), np.zeros(1))
 
 
 def _gaps(
     motion: Motion,
-    solids: Sequence[Solid],
+    solids: Sequence[Sequence[Solid]],
     discs: Tube,
     head: np.ndarray,
-    step: int,
-    time: float,
+    times: np.ndarray,
 ) -> list[Gap]:
-    """Gaps of one shape to solids and to itself."""
-    times, found = np.array([time]), []
-    cells = {
-        frame: Cells.instants(seen_by(motion.trunk, discs, frame, head[None]), times)
-        for frame in {"space", *(solid.frame for solid in solids)}
+    """Gaps of shapes (H,) to the solids at each, and to itself."""
+    there: dict[Solid, list[int]] = {}
+    for t, at_step in enumerate(solids):
+        for solid in at_step:
+            there.setdefault(solid, []).append(t)
+    seen = {
+        frame: Cells.instants(seen_by(motion.trunk, discs, frame, head), times)
+        for frame in ("space", "head")
     }
-    for solid in solids:
-        found.append(solid_gap(solid, step, cells[solid.frame])[0])
-    return [*found, self_gap(step, cells["space"])[0]]
+    gaps = []
+    for solid, steps in there.items():
+        found = nearest_to_solid(solid, seen[solid.frame].chosen(np.array(steps)))
+        gaps += [found.gap_of(solid, t, k) for k, t in enumerate(steps)]
+    found = nearest_to_itself(seen["space"])
+    return [*gaps, *(found.gap_of(None, t, t) for t in range(len(solids)))]
 
 
 def section_points(motion: Motion) -> np.ndarray:
@@ -156,8 +159,35 @@ def section_points(motion: Motion) -> np.ndarray:
     return np.linspace(0.0, motion.trunk.length, SECTIONS + 1)
 
 
-def solid_gap(solid: Solid, step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
-    """Gap from a solid that sees these shapes, and its lower bound on each cell (C,)."""
+@dataclass(frozen=True, eq=False)
+class Nearest:
+    """The smallest gap to one body on each of C cells.
+
+    gap (C,) in m; time (C,) in s; places (C, 2) in m, the second NaN unless the trunk touches
+    itself; bound (C,), below which no gap is.
+    """
+
+    gap: np.ndarray
+    time: np.ndarray
+    places: np.ndarray
+    bound: np.ndarray
+
+    def gap_of(self, solid: Solid | None, step: int, cell: int) -> Gap:
+        """The gap on one cell as that of a time step; `solid` is None for the trunk itself."""
+        name, group, least = body_of(solid)
+        numbers = (self.gap, self.bound)
+        value, bound = (float(numbers_of[cell]) for numbers_of in numbers)
+        Z, other = self.places[cell].tolist()
+        return Gap(name, group, step, float(self.time[cell]), value, bound, least, Z, other)
+
+
+def body_of(solid: Solid | None) -> tuple[str, str, float]:
+    """Name, group and clearance of a solid, or of the trunk as the body that it may touch."""
+    return (SELF, "self", 0.0) if solid is None else (solid.name, solid.group, solid.clearance)
+
+
+def nearest_to_solid(solid: Solid, cells: Cells) -> Nearest:
+    """The smallest gaps on cells whose shapes are seen from the solid."""
     Z = cells.first.Z
     inside = np.flatnonzero((solid.Z[0] <= Z) & (solid.Z[1] >= Z))
     low = min(int(inside[0]) if inside.size else len(Z), len(Z) - 2)
@@ -173,15 +203,11 @@ def solid_gap(solid: Solid, step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
     def divide(pieces: np.ndarray, ratio: int) -> np.ndarray:
         return (ratio * pieces[:, None] + np.arange(ratio)).ravel()
 
-    search = _Search(cells.part(low, high + 1), at_discs, bounds, divide)
-    value, time, (place,), bound = search.run(np.arange)
-    least = min(float(bound.min()), value)
-    gap = Gap(solid.name, solid.group, step, time, value, least, solid.clearance, place)
-    return gap, bound
+    return _Search(cells.part(low, high + 1), at_discs, bounds, divide).run(np.arange)
 
 
-def self_gap(step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
-    """The trunk's gap to itself, and its lower bound on each cell (C,)."""
+def nearest_to_itself(cells: Cells) -> Nearest:
+    """The trunk's smallest gaps to itself on cells."""
 
     def at_discs(discs: Tube, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pair_gaps(discs, pairs), discs.Z[pairs]
@@ -197,9 +223,7 @@ def self_gap(step: int, cells: Cells) -> tuple[Gap, np.ndarray]:
     def pairs_of(count: int) -> np.ndarray:
         return np.stack(np.triu_indices(count, 1), axis=-1)
 
-    value, time, (one, other), bound = _Search(cells, at_discs, bounds, divide).run(pairs_of)
-    least = min(float(bound.min()), value)
-    return Gap(SELF, "self", step, time, value, least, 0.0, one, other), bound
+    return _Search(cells, at_discs, bounds, divide).run(pairs_of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,49 +248,43 @@ class _Search:
     bounds: Callable[[list[Tube], np.ndarray, np.ndarray], np.ndarray]
     divide: Callable[[np.ndarray, int], np.ndarray]
 
-    def run(
-        self, pieces_of: Callable[[int], np.ndarray]
-    ) -> tuple[float, float, list[float], np.ndarray]:
-        """The smallest gap, its time and places, and lower bounds on the cells (C,)."""
+    def run(self, pieces_of: Callable[[int], np.ndarray]) -> Nearest:
+        """The smallest gap on each cell, starting from all pieces of a number of them."""
         cells, last = self.cells, len(self.cells.first.Z) - 1
-        accuracy = ACCURACY * cells.first.Z[-1]
-        smallest = np.full(cells.times.shape[1], np.inf)
-        where: list[Any] = [None] * smallest.size
-        settled = smallest.copy()
+        accuracy, count = ACCURACY * cells.first.Z[-1], cells.times.shape[1]
+        best = Nearest(
+            np.full(count, np.inf),
+            cells.times[0].copy(),
+            np.full((count, 2), np.nan),
+            np.full(count, np.inf),
+        )
         pieces = pieces_of(-(-last // STRIDES[0]))
         for stride, finer in zip(STRIDES, (*STRIDES[1:], 0), strict=True):
             tubes, errors = cells.level(stride)
             for k, discs in enumerate(tubes):
-                self._closer(discs, pieces, cells.times[k], smallest, where)
+                self._closer(discs, pieces, cells.times[k], best)
             bounds = self.bounds(tubes, errors, pieces)
-            open_ = bounds < (smallest - np.maximum(accuracy, FAR_ACCURACY * smallest))[:, None]
-            settled = np.minimum(settled, np.where(open_, np.inf, bounds).min(axis=1))
-            pieces, rest = pieces[np.any(open_, axis=0)], bounds[:, np.any(open_, axis=0)]
+            tolerance = np.maximum(accuracy, FAR_ACCURACY * best.gap)
+            unsettled = bounds < (best.gap - tolerance)[:, None]
+            if not finer:
+                unsettled[:] = False
+            np.minimum(best.bound, np.where(unsettled, np.inf, bounds).min(axis=1), out=best.bound)
+            pieces = pieces[np.any(unsettled, axis=0)]
             if not len(pieces):
                 break
-            if finer:
-                parts = self.divide(pieces, stride // finer)
-                pieces = parts[np.all(np.reshape(parts, (len(parts), -1)) * finer < last, axis=1)]
-            else:
-                settled = np.minimum(settled, rest.min(axis=1))
-        c = int(np.argmin(smallest))
-        time, places = where[c] if where[c] is not None else (cells.times[0, 0], [np.nan])
-        return float(smallest[c]), float(time), list(places), np.minimum(settled, smallest)
+            parts = self.divide(pieces, stride // finer)
+            pieces = parts[np.all(np.reshape(parts, (len(parts), -1)) * finer < last, axis=1)]
+        np.minimum(best.bound, best.gap, out=best.bound)
+        return best
 
-    def _closer(
-        self,
-        discs: Tube,
-        pieces: np.ndarray,
-        times: np.ndarray,
-        smallest: np.ndarray,
-        where: list[Any],
-    ) -> None:
-        """Update the smallest gaps (C,), and when and where they are."""
+    def _closer(self, discs: Tube, pieces: np.ndarray, times: np.ndarray, best: Nearest) -> None:
+        """Update the smallest gaps, and when and where they are."""
         gaps, places = self.at_discs(discs, pieces)
-        best = gaps.argmin(axis=1)
-        for c in np.flatnonzero(gaps.min(axis=1) < smallest).tolist():
-            smallest[c] = gaps[c, best[c]]
-            where[c] = (times[c], places[best[c]].tolist())
+        nearest = gaps.argmin(axis=1)
+        value = gaps[np.arange(len(gaps)), nearest]
+        closer = value < best.gap
+        best.gap[closer], best.time[closer] = value[closer], times[closer]
+        best.places[closer, : places.shape[1]] = places[nearest[closer]]
 
 
 LATER_END = np.array([0, 1])  # the discs of a pair of pieces that are farthest apart
