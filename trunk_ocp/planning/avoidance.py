@@ -34,7 +34,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
-    exchange = Exchange(run.motion)
+    exchange = Exchange(run.motion, dict(run.gaps))
     for insertions in range(MAX_INSERTIONS + 1):
         plan, deep = _exchanged(plan, run, exchange)
         motion = _refined(plan, deep)

@@ -18,6 +18,7 @@ import numpy as np
 from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
+from ..contact.exchange import Exchange
 from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
@@ -105,6 +106,10 @@ def plan_motion(
     if mode != "sequential" and start is None:
         start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
+    if motion.contact and start is not None and start.converged:
+        seed = Exchange(motion)  # saves a horizon without gaps
+        seed.add(start.x, start.shape)
+        run = replace(run, gaps=seed.rows, optimizer=avoiding if seed.count else optimizer)
     if run.stopped and start is not None:
         plan = _start_as_plan(start, run)
     else:
