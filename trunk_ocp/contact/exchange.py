@@ -71,7 +71,7 @@ class Exchange:
             now = discs[t : t + 1]
             for solid in step.solids:
                 if solid.group in self.motion.contact:
-                    seen = seen_by(trunk, now, solid, x[t : t + 1, -2:])
+                    seen = seen_by(trunk, now, solid.frame, x[t : t + 1, -2:])
                     self._add_solid(t, solid, seen)
             if "self" in self.motion.contact:
                 self._add_pairs(t, now.part(slice(None, None, 2)))
