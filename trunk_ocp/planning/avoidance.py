@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
+from ..contact.obstructions import stuck_at_rest
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
@@ -35,8 +36,9 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     them gets additional time steps. Ends early where a plan does not converge.
     """
     exchange = Exchange(run.motion, dict(run.gaps))
+    stuck = {gap.body for gap in stuck_at_rest(run.motion)}
     for insertions in range(MAX_INSERTIONS + 1):
-        plan, deep = _exchanged(plan, run, exchange)
+        plan, deep = _exchanged(plan, run, exchange, stuck)
         motion = _refined(plan, deep)
         if insertions == MAX_INSERTIONS or motion is None:
             break
@@ -52,8 +54,13 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     return plan
 
 
-def _exchanged(plan: Plan, run: PlanningRun, exchange: Exchange) -> tuple[Plan, list[Gap]]:
-    """The plan with all gaps that its time steps can keep, and those too small between them."""
+def _exchanged(
+    plan: Plan, run: PlanningRun, exchange: Exchange, stuck: Collection[str]
+) -> tuple[Plan, list[Gap]]:
+    """The plan with all gaps that its time steps can keep, and those too small between them.
+
+    stuck : bodies that the trunk is in at rest, which no plan can change.
+    """
     reporter = run.optimizer.reporter
     limit = MAX_TIGHTENING * run.motion.trunk.length
     for _ in range(MAX_ROUNDS):
@@ -62,7 +69,7 @@ def _exchanged(plan: Plan, run: PlanningRun, exchange: Exchange) -> tuple[Plan, 
         if exchange.add(plan.x, plan.shape):
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         else:
-            between = plan.clearance.between
+            between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep and run.mode == "horizon":
                 return plan, deep
