@@ -10,13 +10,21 @@ import numpy as np
 from ..errors import StaticsError
 from ..model.loads import Loads
 from ..model.solids import Solid
-from ..nlp.gap_rows import SELF
 from ..problem.interpolation import interpolate_all, loads_at, loads_before
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
 from .certificate import cell_errors
-from .gaps import ACCURACY, Cells, Gap, section_points, self_gap, solid_gap
+from .gaps import (
+    ACCURACY,
+    Cells,
+    Gap,
+    Nearest,
+    body_of,
+    nearest_to_itself,
+    nearest_to_solid,
+    section_points,
+)
 from .tube import Tube, seen_by, tube
 
 FIRST_CELLS = 4
@@ -37,96 +45,156 @@ def gaps_between_steps(
         Whether time is halved further where it is not clear whether a gap is large enough.
     """
     samples = _Samples(motion, x, loads, shape)
-    moving = [
+    ways = [
         t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
     ]
     times = np.append(0.0, motion.times)
-    grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1) for t in moving]
-    ways = []
-    for t, at in zip(moving, samples.add(moving, grids), strict=True):
-        bodies = [_Body(solid, t) for solid in (*motion.steps[t].solids, None)]
-        ways.append(_Way(t, bodies, np.stack([at[:-1], at[1:]]), lost=bool(np.any(at < 0))))
+    grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1) for t in ways]
+    indices = samples.add(ways, grids)
+    lost = {t for t, index in zip(ways, indices, strict=True) if np.any(index < 0)}
+    parts = [
+        _Cells(np.stack([index[:-1], index[1:]]), np.full(FIRST_CELLS, t))
+        for t, index in zip(ways, indices, strict=True)
+        if t not in lost
+    ]
+    bodies, cells = _bodies(motion, ways), _Cells.joined(parts)
     for number in range(MAX_HALVINGS if precise else 1):
-        halved = [way for way in ways if not way.lost and way.cells.size]
-        middles = [samples.times[way.cells].mean(axis=0) for way in halved]
-        for way, at in zip(halved, samples.add([w.step for w in halved], middles), strict=True):
-            way.halve(samples, at, everything=number == 0)
-    return [body.result(way.lost, float(times[way.step])) for way in ways for body in way.bodies]
+        if not cells.steps.size:
+            break
+        middle = samples.middles(cells)
+        lost |= set(cells.steps[middle < 0].tolist())
+        alive = ~np.isin(cells.steps, list(lost))
+        _look(samples, bodies, cells.chosen(alive), middle[alive], everything=number == 0)
+        cells = _Cells.joined([body.cells for body in bodies]).distinct()
+    return [body.gap_at(t, t in lost, times) for body in bodies for t in ways if body.there[t]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Pieces of time: samples (2, C) at their ends, and the time steps (C,) they lead to."""
+
+    ends: np.ndarray
+    steps: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence[_Cells]) -> _Cells:
+        if not parts:
+            return _Cells(np.zeros((2, 0), dtype=int), np.zeros(0, dtype=int))
+        ends = np.concatenate([part.ends for part in parts], axis=1)
+        return _Cells(ends, np.concatenate([part.steps for part in parts]))
+
+    def chosen(self, index: np.ndarray) -> _Cells:
+        return _Cells(self.ends[:, index], self.steps[index])
+
+    def distinct(self) -> _Cells:
+        return self.chosen(np.unique(self.ends[0], return_index=True)[1])
 
 
 @dataclass(eq=False)
 class _Body:
-    """A solid, or the trunk itself, on the way to a time step.
+    """A solid, or the trunk itself, and the smallest gap to it on the way to each time step.
 
-    `cells` (2, C) are the samples at the ends of the pieces of time where it is not clear whether
-    the gap is large enough; `bound` is a lower bound in all other pieces.
+    `there` (H,) says on the way to which steps it is there. `cells` are the pieces of time in
+    which it is not clear whether the gap is large enough, with lower bounds `open_bounds`; `bound`
+    (H,) is a lower bound in all others.
     """
 
     solid: Solid | None
-    step: int
-    gap: Gap | None = None
-    bound: float = np.inf
-    cells: np.ndarray = field(default_factory=lambda: np.zeros((2, 0), dtype=int))
-    bounds: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    there: np.ndarray
+    best: Nearest
+    cells: _Cells = field(default_factory=lambda: _Cells.joined([]))
+    open_bounds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def update(self, gap: Gap, cells: np.ndarray, bounds: np.ndarray, accuracy: float) -> None:
-        """Take the gap, and lower bounds (C,) on cells (2, C), into account."""
-        self.gap = gap if self.gap is None else gap.joined(self.gap, np.inf)
-        doubtful = bounds < min(gap.least, self.gap.gap) - accuracy
-        if self.gap.depth > accuracy:  # certainly too small somewhere, so this is decided
-            doubtful[:] = False
-        self.bound = min(self.bound, float(np.min(bounds[~doubtful], initial=np.inf)))
-        self.cells, self.bounds = cells[:, doubtful], bounds[doubtful]
+    def update(self, cells: _Cells, found: Nearest, accuracy: float) -> None:
+        """Take the smallest gaps on cells into account."""
+        best, least = self.best, body_of(self.solid)[2]
+        order = np.argsort(found.gap, kind="stable")
+        steps, first = np.unique(cells.steps[order], return_index=True)
+        closer = found.gap[order[first]] < best.gap[steps]
+        to, source = steps[closer], order[first][closer]
+        for name in ("gap", "time", "places"):
+            getattr(best, name)[to] = getattr(found, name)[source]
+        smallest = best.gap[cells.steps]
+        doubtful = found.bound < np.minimum(least, smallest) - accuracy
+        doubtful &= least - smallest <= accuracy  # else it is too small beyond doubt
+        np.minimum.at(best.bound, cells.steps[~doubtful], found.bound[~doubtful])
+        self.cells, self.open_bounds = cells.chosen(doubtful), found.bound[doubtful]
 
-    def result(self, lost: bool, time: float) -> Gap:
-        """The gap; unknown if there is a time without equilibrium."""
-        if lost or self.gap is None:
-            solid = self.solid
-            name, group = (SELF, "self") if solid is None else (solid.name, solid.group)
-            least = 0.0 if solid is None else solid.clearance
-            return Gap(name, group, self.step, time, np.nan, -np.inf, least, np.nan)
-        return self.gap.joined(self.gap, min(self.bound, float(self.bounds.min(initial=np.inf))))
+    def gap_at(self, step: int, lost: bool, times: np.ndarray) -> Gap:
+        """The gap on the way to a step; unknown if there is a time without equilibrium."""
+        if lost:
+            name, group, least = body_of(self.solid)
+            return Gap(name, group, step, float(times[step]), np.nan, -np.inf, least, np.nan)
+        gap = self.best.gap_of(self.solid, step, step)
+        rest = float(np.min(self.open_bounds[self.cells.steps == step], initial=np.inf))
+        return replace(gap, bound=min(gap.bound, rest, gap.gap))
 
 
-@dataclass(eq=False)
-class _Way:
-    """The motion to a time step: `cells` (2, C) are the samples at the ends of pieces of time."""
+def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
+    """Solids on the way to some time steps, and the trunk itself.
 
-    step: int
-    bodies: list[_Body]
-    cells: np.ndarray
-    lost: bool
+    A log that moves is one body, at the place where it is first.
+    """
+    there: dict[Solid | None, np.ndarray] = {}
+    logs: dict[Solid, Solid] = {}
+    count = len(motion.steps)
+    for t in ways:
+        for solid in (*motion.steps[t].solids, None):
+            if solid is not None and solid.group == "log":
+                solid = logs.setdefault(replace(solid, center=(0.0, 0.0, 0.0)), solid)
+            there.setdefault(solid, np.zeros(count, dtype=bool))[t] = True
+    return [
+        _Body(
+            solid,
+            at,
+            Nearest(
+                np.full(count, np.inf),
+                np.append(0.0, motion.times)[:-1],
+                np.full((count, 2), np.nan),
+                np.full(count, np.inf),
+            ),
+        )
+        for solid, at in there.items()
+    ]
 
-    def halve(self, samples: _Samples, middle: np.ndarray, everything: bool) -> None:
-        """Look at both halves of the cells, given the samples (C,) at half of their time.
 
-        `everything` : for all bodies, else for those that are in doubt there.
-        """
-        if np.any(middle < 0):
-            self.lost = True
-            return
-        accuracy = ACCURACY * samples.motion.trunk.length
-        ends = [samples.discs(index) for index in (self.cells[0], middle, self.cells[1])]
-        error = cell_errors(*ends)
-        for body in self.bodies:
-            chosen = np.ones(middle.size, dtype=bool)
-            if not everything:
-                chosen = np.isin(self.cells[0], body.cells[0])
-                if not np.any(chosen):
-                    continue
-            first, mid, last = self.cells[0, chosen], middle[chosen], self.cells[1, chosen]
-            halves = np.concatenate([[first, mid], [mid, last]], axis=1)
-            tubes = [samples.seen(index, body.solid, self.step) for index in halves]
+def _look(
+    samples: _Samples, bodies: Sequence[_Body], cells: _Cells, middle: np.ndarray, everything: bool
+) -> None:
+    """Look at both halves of cells, given the samples (C,) at half of their time.
+
+    `everything` : for all bodies, else for those that are in doubt there.
+    """
+    accuracy = ACCURACY * samples.motion.trunk.length
+    tubes = [samples.discs(index) for index in (cells.ends[0], middle, cells.ends[1])]
+    error = cell_errors(*tubes)
+    known: dict[tuple[str, bytes], Cells] = {}
+    for body in bodies:
+        chosen = (
+            body.there[cells.steps] if everything else np.isin(cells.ends[0], body.cells.ends[0])
+        )
+        if not np.any(chosen):
+            continue
+        (first, last), mid = cells.ends[:, chosen], middle[chosen]
+        halves = np.concatenate([[first, mid], [mid, last]], axis=1)
+        key = (_observer(body.solid), chosen.tobytes())
+        if key not in known:
+            seen = [samples.seen(index, body.solid) for index in halves]
             errors = np.concatenate([error[chosen], error[chosen]])
-            cells = Cells(samples.times[halves], tubes[0], tubes[1], errors)
-            gap, bounds = (
-                self_gap(self.step, cells)
-                if body.solid is None
-                else solid_gap(body.solid, self.step, cells)
-            )
-            body.update(gap, halves, bounds, accuracy)
-        pieces = np.concatenate([body.cells for body in self.bodies], axis=1)
-        self.cells = np.unique(pieces, axis=1)
+            known[key] = Cells(samples.times[halves], seen[0], seen[1], errors)
+        found = (
+            nearest_to_itself(known[key])
+            if body.solid is None
+            else nearest_to_solid(body.solid, known[key])
+        )
+        body.update(_Cells(halves, np.tile(cells.steps[chosen], 2)), found, accuracy)
+
+
+def _observer(solid: Solid | None) -> str:
+    """What the trunk is seen from: solids of one observer move in the same way."""
+    if solid is None:
+        return "space"
+    return "log" if solid.group == "log" else solid.frame
 
 
 class _Samples:
@@ -153,6 +221,16 @@ class _Samples:
                 return [np.full(times[0].size, -1)]
             parts = zip(steps, times, strict=True)
             return [self.add([step], [part])[0] for step, part in parts]
+
+    def middles(self, cells: _Cells) -> np.ndarray:
+        """Sample cells at half of their time; returns indices (C,), -1 without equilibrium."""
+        order = np.argsort(cells.steps, kind="stable")
+        steps, first = np.unique(cells.steps[order], return_index=True)
+        times = self.times[cells.ends].mean(axis=0)[order]
+        found = self.add(steps.tolist(), np.split(times, first[1:]))
+        index = np.empty(order.size, dtype=int)
+        index[order] = np.concatenate(found)
+        return index
 
     def _solve(self, steps: Sequence[int], parts: Sequence[np.ndarray]) -> np.ndarray:
         motion, count = self.motion, len(self._values) - 1
@@ -189,14 +267,13 @@ class _Samples:
         """The trunk at some samples, in space."""
         return self._tube[index]
 
-    def seen(self, index: np.ndarray, solid: Solid | None, step: int) -> Tube:
-        """The trunk at some samples as a solid sees it that moves on the way to a step."""
-        discs = self.discs(index)
-        if solid is None:
-            return discs
+    def seen(self, index: np.ndarray, solid: Solid | None) -> Tube:
+        """The trunk at some samples as a solid sees it, which may move."""
         muscles = len(self.motion.trunk.muscles)
-        discs = seen_by(self.motion.trunk, discs, solid, self._table[index, muscles : muscles + 2])
-        if solid.group == "log":
+        frame = "space" if solid is None else solid.frame
+        head = self._table[index, muscles : muscles + 2]
+        discs = seen_by(self.motion.trunk, self.discs(index), frame, head)
+        if solid is not None and solid.group == "log":
             shift = self._table[index, muscles + 2 :] - solid.center
             discs = replace(discs, center=discs.center - shift[:, None])
         return discs

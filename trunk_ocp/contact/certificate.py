@@ -26,18 +26,20 @@ SAFETY = 2.0
 """On second differences of motions and shapes, which are smooth at the scale of a cell."""
 
 
-def bounds_along(discs: Tube, solid: Solid) -> np.ndarray:
-    """Lower bounds (H, n - 1) of the gap from a solid between neighboring discs of each shape."""
-    return _solid_bounds([discs], solid) - error_along(discs)
+def solid_bounds(
+    instants: Sequence[Tube], error: np.ndarray, pieces: np.ndarray, solid: Solid
+) -> np.ndarray:
+    """Lower bounds (C, P) of the gap between pieces of the trunk and a solid.
 
-
-def bounds_between(first: Tube, last: Tube, error: np.ndarray, solid: Solid) -> np.ndarray:
-    """Lower bounds (C, n - 1) of the gap from a solid on cells from one instant to another.
-
-    first, last : the C shapes at the start and the end of each cell.
-    error : (C, n - 1) from `cell_errors`.
+    instants : the C shapes, or those at the start and the end of each cell.
+    error : (C, n - 1) from `error_along` or `cell_errors`.
+    pieces : (P,), by their first disc.
     """
-    return _solid_bounds([first, last], solid) - error
+    corners = [(discs, pieces + end) for discs in instants for end in (0, 1)]
+    middle = np.mean([discs.center[:, index] for discs, index in corners], axis=0)
+    distance, normal = signed_distance(solid, middle)
+    least = np.min([_extent(discs, index, normal, -1) for discs, index in corners], axis=0)
+    return np.asarray(distance - dot(normal, middle) + least - error[:, pieces])
 
 
 def pair_bounds(instants: Sequence[Tube], error: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -90,18 +92,7 @@ def cell_errors(first: Tube, middle: Tube, last: Tube) -> np.ndarray:
     return np.asarray(along + SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
 
 
-def _solid_bounds(instants: Sequence[Tube], solid: Solid) -> np.ndarray:
-    """Least value of the linear bound of a distance over the discs at the corners of cells."""
-    middle = sum(discs.center[:, :-1] + discs.center[:, 1:] for discs in instants)
-    middle = middle / (2 * len(instants))
-    distance, normal = signed_distance(solid, middle)
-    corners = [
-        _extent(discs, part, normal, -1) for discs in instants for part in (np.s_[:-1], np.s_[1:])
-    ]
-    return np.asarray(distance - dot(normal, middle) + np.min(corners, axis=0))
-
-
-def _extent(discs: Tube, index: slice | np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
+def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
     """Largest (side 1) or least (-1) coordinate of some discs along unit vectors."""
     along = dot(normal, discs.tangent[:, index])
     reach = discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))

@@ -14,7 +14,7 @@ import numpy as np
 from .._support.wording import step_list
 from .gaps import Gap
 
-COLLISION_TOL = 6e-5
+COLLISION_TOL = 5.7e-5
 """By how much a gap may be too small, as a share of the trunk's length; 0.1 mm for the elephant."""
 
 

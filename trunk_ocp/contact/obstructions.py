@@ -14,7 +14,7 @@ from ..problem.targets import Target
 from ..rod.statics import solve_statics
 from .gaps import Gap, gaps_at_rest
 
-TOUCH = 6e-5
+TOUCH = 5.7e-5
 """Depth that counts as touching, as a share of the trunk's length; as `COLLISION_TOL`."""
 
 

@@ -65,9 +65,9 @@ def tube(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Tube:
     return Tube(Z, shape.position(Z), tangent, radius)
 
 
-def seen_by(trunk: Trunk, discs: Tube, solid: Solid, head: np.ndarray) -> Tube:
-    """The discs as a solid sees them that may move with the head, at angles (H, 2)."""
-    if solid.frame == "space":
+def seen_by(trunk: Trunk, discs: Tube, frame: str, head: np.ndarray) -> Tube:
+    """The discs as seen in space, or from the head at angles (H, 2)."""
+    if frame == "space":
         return discs
     rotation = turn(head)
     center = in_head_frame(trunk, discs.center, head)

@@ -148,6 +148,7 @@ def turn(head: np.ndarray) -> np.ndarray:
     return director_rows(np.stack(turn_quaternion(psi[..., 0], psi[..., 1]), axis=-1))
 
 
+@lru_cache(maxsize=64)
 def pivot(trunk: Trunk) -> np.ndarray:
     """Pivot S (3,) in m, about which the head turns (eq. 35)."""
     head = trunk.head
