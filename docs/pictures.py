@@ -6,6 +6,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+from contact_pictures import draw_contact
 from conventions import draw_conventions
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
@@ -28,6 +29,7 @@ MOUTH = np.array([-0.2, 0.0, 0.16])  # m, the target of the last phase
 def main() -> None:
     """Write all pictures."""
     draw_conventions(to.load_anatomy("asian-elephant"), FOLDER, ("png",))
+    draw_contact(FOLDER)
     write_fruit(to.plan_motion(to.load_motion("pick-fruit")), FOLDER / "pick-fruit.gif")
 
 
