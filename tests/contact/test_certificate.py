@@ -6,11 +6,10 @@ from plans import shipped
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.contact.certificate import (
-    bounds_along,
-    bounds_between,
     cell_errors,
     error_along,
     pair_bounds,
+    solid_bounds,
 )
 from trunk_ocp.contact.tube import Tube, solid_gaps, tube
 from trunk_ocp.model.solids import Solid, signed_distance
@@ -20,6 +19,14 @@ from trust.validation.rods import contractions
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "half-space": 0, "box": 3, "ellipsoid": 3}
 FINER = 6  # dense samples of a piece
 ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+
+
+def bounds_along(discs, solid):
+    return solid_bounds([discs], error_along(discs), np.arange(len(discs.Z) - 1), solid)
+
+
+def bounds_between(first, last, error, solid):
+    return solid_bounds([first, last], error, np.arange(len(first.Z) - 1), solid)
 
 
 def random_motion(seed):
