@@ -13,6 +13,7 @@ from ..contact.obstructions import stuck_at_rest
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
+from .options import REFINEMENTS, TOO_COARSE, finer_mesh
 from .plan import Plan
 from .planning_run import PlanningRun
 
@@ -61,7 +62,7 @@ def _exchanged(
 
     stuck : bodies that the trunk is in at rest, which no plan can change.
     """
-    reporter = run.optimizer.reporter
+    reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit = MAX_TIGHTENING * run.motion.trunk.length
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
@@ -73,13 +74,16 @@ def _exchanged(
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep and run.mode == "horizon":
                 return plan, deep
-            ways = exchange.tighten(between)
-            if not ways:
+            if ways := exchange.tighten(between):
+                reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
+            elif plan.verification.too_coarse and refinements < REFINEMENTS:
+                refinements += 1
+                mesh = finer_mesh(run.motion, mesh)
+                reporter.note(TOO_COARSE.format(mesh.elements))
+            else:
                 break
-            reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
-        plan = replace(
-            run, mesh=plan.mesh, start=None, checkpoint=None, guess=plan.x, gaps=exchange.rows
-        ).run()
+        again = replace(run, mesh=mesh, start=None, checkpoint=None)
+        plan = replace(again, guess=plan.x, gaps=exchange.rows).run()
     return plan, []
 
 
