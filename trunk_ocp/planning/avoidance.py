@@ -64,6 +64,7 @@ def _exchanged(
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit = MAX_TIGHTENING * run.motion.trunk.length
+    clear_at_steps: Plan | None = None
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
@@ -75,6 +76,7 @@ def _exchanged(
             if deep and run.mode == "horizon":
                 return plan, deep
             if ways := exchange.tighten(between):
+                clear_at_steps = clear_at_steps or plan
                 reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
             elif plan.verification.too_coarse and refinements < REFINEMENTS:
                 refinements += 1
@@ -82,9 +84,20 @@ def _exchanged(
                 reporter.note(TOO_COARSE.format(mesh.elements))
             else:
                 break
-        again = replace(run, mesh=mesh, start=None, checkpoint=None)
-        plan = replace(again, guess=plan.x, gaps=exchange.rows).run()
+        next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
+        again = replace(next_run, guess=plan.x).run()
+        if clear_at_steps is not None and not again.converged and not again.cut_short:
+            return _not_tightened(clear_at_steps, run), []
+        plan = again
     return plan, []
+
+
+def _not_tightened(plan: Plan, run: PlanningRun) -> Plan:
+    """The plan before gaps were widened, which collides between time steps, with a note why."""
+    violated = next((s.violations for s in reversed(run.optimizer.solves) if s.violations), ())
+    reason = f": {violated[0]}" if violated else ""
+    note = f"no plan was found with wider gaps, to keep clear between time steps{reason}"
+    return plan.with_record(notes=(*plan.notes, note))
 
 
 def _refined(plan: Plan, deep: Sequence[Gap]) -> Motion | None:
