@@ -38,7 +38,7 @@ def _from_faces(beyond):
 
 def _from_ellipsoid(x, a):
     """By bisection for t in sum (a x / (a^2 + t))^2 = 1, which the nearest point solves."""
-    low = np.full(x.shape[:-1], -a.min() ** 2)
+    low = np.full(x.shape[:-1], -(a.min() ** 2))
     high = np.max(a) * np.linalg.norm(x, axis=-1) + 1
     x = np.maximum(x, 1e-13)
     for _ in range(80):
@@ -119,5 +119,7 @@ def deepest(plan, between=10, count=160):
                 depth = solid.clearance - float(distance(solid, seen).min())
                 worst = max(worst, (depth, f"{solid.name} at {time:.3f} s"))
             if "self" in motion.contact:
-                worst = max(worst, (depth_in_itself(center, normal, radius), f"self at {time:.3f} s"))
+                worst = max(
+                    worst, (depth_in_itself(center, normal, radius), f"self at {time:.3f} s")
+                )
     return worst
