@@ -1,9 +1,12 @@
 """Random scenes: a small arm, a few bodies in its way, and places that it has to reach."""
 
 import numpy as np
+from dense_contact import distance
 
 from trunk_ocp.model.anatomy import AnatomySpec, build_trunk
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.model.solid_specs import ObstacleSpec
+from trunk_ocp.model.solids import built_solid
 from trunk_ocp.problem.build import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.rod.statics import solve_statics
@@ -43,7 +46,7 @@ def direction(rng):
 def body(shape, near, rng):
     """A body of a shape whose surface is not far from a point."""
     size = rng.uniform(0.03, 0.2)
-    center = near + direction(rng) * (size + rng.uniform(-0.02, 0.2))
+    center = near + direction(rng) * (size + rng.uniform(-0.05, 0.08))
     match shape:
         case "sphere":
             keys = {"center": vector(center), "radius": size}
@@ -52,7 +55,7 @@ def body(shape, near, rng):
             keys = {"from": vector(center - half), "to": vector(center + half), "radius": size}
         case "half-space":
             normal = direction(rng)
-            point = near - normal * rng.uniform(0.0, 0.3)
+            point = near - normal * rng.uniform(0.0, 0.1)
             keys = {"point": vector(point), "normal": vector(normal)}
         case _:
             name = "half_sizes" if shape == "box" else "half_axes"
@@ -74,15 +77,25 @@ def scene(number):
     rng = np.random.default_rng(1000 + number)
     phases = int(rng.integers(1, 3))
     steps = rng.integers(1, 3, phases).tolist()
-    places = np.concatenate([solve_statics(TRUNK, np.zeros((1, 8)), np.zeros((1, 2)), Loads(9.8))
-                             .position(np.linspace(0, 1, 11)), shapes_of(phases, rng).position(np.linspace(0, 1, 11))])  # fmt: skip  # noqa: E501
+    Z = np.linspace(0, 1, 11)
+    rest = solve_statics(TRUNK, np.zeros((1, 8)), np.zeros((1, 2)), Loads(9.8))
+    places = np.concatenate([rest.position(Z), shapes_of(phases, rng).position(Z)])
     obstacles = []
-    for n in range(int(rng.integers(1, 4))):
-        near = places[rng.integers(phases + 1), rng.integers(4, 11)]
-        one = body(SHAPES[(number + n) % len(SHAPES)], near, rng)
-        one["name"] = f"body {n + 1}"
+    tries = 0
+    while len(obstacles) < 1 + number % 3:
+        point, share = rng.integers(4, 11), rng.uniform(0, 1)
+        before, after = places[(n := rng.integers(phases)) : n + 2, point]
+        near = (1 - share) * before + share * after
+        one = body(SHAPES[(number + len(obstacles)) % len(SHAPES)], near, rng)
+        one["name"] = f"body {len(obstacles) + 1}"
         one["frame"] = "head" if rng.random() < 0.25 else "space"
         one["clearance"] = float(rng.choice([0.0, 0.01]))
+        solid = built_solid(ObstacleSpec.model_validate(one), "obstacles", one["frame"])
+        tries += 1
+        if distance(solid, places[0]).min() < 0.075 and rng.random() < 0.995 and tries < 300:
+            continue  # few scenes start in a body
+        if distance(solid, places[1:, -1]).min() < 0.06 and rng.random() < 0.9 and tries < 300:
+            continue  # and not too many have a target in one
         obstacles.append(one)
     problem = {
         "name": f"scene-{number}",

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.solids import Solid
-from ..nlp.gap_rows import SELF
+from ..model.solids import SELF, Solid
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from .certificate import error_along, pair_bounds, solid_bounds
