@@ -9,7 +9,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 TESTS := --numprocesses=2
 
 .PHONY: help venv motion pictures results test test-fast test-oldest coverage lint docs frameworks trust \
-  study examples bench schema lock clean
+  study examples bench contact schema lock clean
 
 help:  ## List these targets.
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -73,6 +73,9 @@ examples: venv  ## The exported trunk in a control loop.
 bench: venv  ## Compare speed and accuracy with other programs, in 22 minutes; BENCH=--quick for 3.
 	$(BIN)/python $(PIP) exudyn nlopt pyelastica PyNomadBBO
 	$(BIN)/python -m benchmarks.run $(BENCH)
+
+contact: venv  ## What contact costs in each motion: results/contact.md.
+	$(ONE_THREAD) $(BIN)/python -m benchmarks.contact
 
 schema: venv  ## Write the JSON Schema of problem files.
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json

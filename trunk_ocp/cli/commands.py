@@ -81,15 +81,15 @@ def solve(
 ) -> None:
     """Plan a motion: which muscles contract when, and how the head moves.
 
-    PROBLEM is pick-fruit (the default), lift-log, lift-log-asymmetric, or a problem file of your
-    own (.toml). Planning takes a few seconds for the shipped motions, the figures about ten
-    more. Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
+    PROBLEM is pick-fruit (the default), lift-log or lift-log-asymmetric, feed-fruit, lift-log-hung,
+    fruit-behind-posts or tight-curl, which keep clear of bodies, or a problem file of your own
+    (.toml). Planning takes a few seconds for the shipped motions, the figures about ten more. Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
     interactive page in DIR. Ctrl-C stops and saves the best plan so far; press it again to quit
     immediately.
 
     Exit codes: 0 solved and verified; 2 bad usage or problem file, or files that cannot be
-    written; 3 not converged, not verified, unstable, or a target out of reach (the plan is saved
-    and marked as such); 4 interrupted (the best plan so far is saved).
+    written; 3 not converged, not verified, colliding, unstable, or a target out of reach (the plan
+    is saved and marked as such); 4 interrupted (the best plan so far is saved).
     """
     context = click.get_current_context()
     if lookahead is not None and context.get_parameter_source("mode") != ParameterSource.DEFAULT:
