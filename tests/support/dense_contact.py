@@ -96,7 +96,7 @@ def depth_in_itself(center, normal, radius):
     return deepest
 
 
-def deepest(plan, between=10, count=160):
+def deepest(plan, between=8, count=120):
     """(m, sentence) for where a plan is deepest in a body that it has to keep clear of.
 
     Depth counts from the clearance asked for; negative if all is clear.
