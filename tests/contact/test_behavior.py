@@ -190,3 +190,21 @@ def test_rows_follow_a_body_s_clearance_and_miss_no_body():
 def test_no_obstacle_has_the_name_of_another_body(name):
     with pytest.raises(InputError, match=name):
         around(name=name)
+
+
+# --- parts of the trunk ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [(0.5, 0.5 + 1e-9), (0.0, 1e-9), (1 - 1e-9, 1.0), (0.7, 0.701)])
+def test_a_short_part_of_the_trunk_is_looked_at_where_it_is(part):
+    blind = plan_motion(around(Z=part).with_contact("none"))
+    (gap,) = [gap for gap in blind.clearance.at_steps if gap.body == "ball"]
+    assert gap.Z == pytest.approx(np.mean(part), abs=1 / 256)
+    center = blind.shape.position(np.array([gap.Z]))[0, 0]
+    radius = gap.gap + 0.1 - np.linalg.norm(center - BALL["center"])
+    assert -1.3 * TRUNK.radius(gap.Z) <= radius <= 0  # at most the section's own radius away
+
+
+def test_a_deadline_ends_planning_around_bodies():
+    late = plan_motion(around(), throw=False, deadline=1e-3)
+    assert late.status is Status.TIME_LIMIT
