@@ -119,6 +119,7 @@ class Exchange:
         """Add minima of the gap (n,) from a solid, and points between them where it is deep."""
         trunk = self.motion.trunk
         concerned = (Z >= solid.Z[0]) & (Z <= solid.Z[1])
+        concerned[np.abs(Z - solid.Z[0]).argmin()] |= not np.any(concerned)  # a very short part
         gaps = np.where(concerned, gaps - self._least(t, solid), np.inf)
         inside = gaps < -STEP_TOL * trunk.length
         if not np.any(inside):
