@@ -17,8 +17,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..model.anatomy import Trunk
-from ..model.solids import Solid
-from ..nlp.gap_rows import SELF, GapRow
+from ..model.solids import SELF, Solid
+from ..nlp.gap_rows import GapRow
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from .gaps import Gap
@@ -119,6 +119,7 @@ class Exchange:
         """Add minima of the gap (n,) from a solid, and points between them where it is deep."""
         trunk = self.motion.trunk
         concerned = (Z >= solid.Z[0]) & (Z <= solid.Z[1])
+        concerned[np.abs(Z - solid.Z[0]).argmin()] |= not np.any(concerned)  # a very short part
         gaps = np.where(concerned, gaps - self._least(t, solid), np.inf)
         inside = gaps < -STEP_TOL * trunk.length
         if not np.any(inside):
@@ -164,20 +165,29 @@ def rows_for(
     Raises
     ------
     InputError
-        If a time step lacks a solid.
+        If the motion lacks a time step, or a time step a solid.
     """
     moved = {}
     for t, gaps in rows.items():
-        solids: dict[str, Solid | None] = {s.name: s for s in motion.steps[t].solids}
-        solids[SELF] = None
+        solids: dict[str, Solid | None] = {SELF: None}
+        if t < len(motion.steps):
+            solids |= {solid.name: solid for solid in motion.steps[t].solids}
         for gap in gaps:
-            if gap.body not in solids:
+            if t >= len(motion.steps) or gap.body not in solids:
+                missing = gap.body if t < len(motion.steps) else "that step"
                 raise InputError(
-                    f"{motion.name}: time step {t + 1} lacks {gap.body}; expected the solids of "
-                    "the planned motion. Use plan_motion."
+                    f"{motion.name}: time step {t + 1} lacks {missing}; expected the steps and "
+                    "solids of the planned motion. Use plan_motion."
                 )
-        moved[t] = tuple(replace(gap, solid=solids[gap.body]) for gap in gaps)
+        moved[t] = tuple(_moved(gap, solids[gap.body]) for gap in gaps)
     return moved
+
+
+def _moved(row: GapRow, solid: Solid | None) -> GapRow:
+    """The row for a solid at another place, or with another clearance."""
+    if solid is None or row.solid is None:
+        return row
+    return replace(row, solid=solid, least=row.least - row.solid.clearance + solid.clearance)
 
 
 def _distance(row: GapRow, other: GapRow, trunk: Trunk) -> float:

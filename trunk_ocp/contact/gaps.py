@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..model.solids import Solid
-from ..nlp.gap_rows import SELF
+from ..model.solids import SELF, Solid
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from .certificate import error_along, pair_bounds, solid_bounds
-from .tube import Tube, apart, pair_gaps, seen_by, solid_gaps, tube
+from .tube import Tube, apart, creases, pair_gaps, seen_by, solid_gaps, tube
 
 SECTIONS = 512
 """Pieces of the trunk; also the finest of those that are compared with each other."""
@@ -104,9 +103,12 @@ class Cells:
             last = len(self.first.Z) - 1
             grid = np.minimum(np.arange(-(-last // stride) + 1) * stride, last)
             tubes = [discs.part(grid) for discs in self.tubes]
-            errors = np.max([error_along(discs) for discs in tubes], axis=0)
-            if len(tubes) == 2:
-                errors = errors + np.maximum.reduceat(self.error, grid[:-1], axis=1)
+            errors = np.maximum.reduceat(self.error, grid[:-1], axis=1)
+            if grid.size > 2:
+                along = np.max([error_along(discs) for discs in tubes], axis=0)
+                errors = along + errors if len(tubes) == 2 else along
+            elif last > 1:  # one long piece says nothing about how it bends
+                errors = np.full_like(errors, np.inf)
             self._levels[stride] = (tubes, errors)
         return self._levels[stride]
 
@@ -114,6 +116,29 @@ class Cells:
     def tubes(self) -> tuple[Tube, ...]:
         """Shapes at the ends."""
         return (self.first,) if self.first is self.last else (self.first, self.last)
+
+
+@dataclass(frozen=True)
+class Bend:
+    """The sharpest bend of a plan: its radius of section over its radius of curvature.
+
+    Above 1, neighboring sections cut each other: a crease, see `tube.creases`. At a time step,
+    from 0, and a place Z in m.
+    """
+
+    sharpness: float
+    step: int
+    Z: float
+
+
+def sharpest_bend(motion: Motion, shape: Shape) -> Bend | None:
+    """The sharpest bend of planned shapes (H,); None without steps."""
+    Z = section_points(motion)
+    sharpness = creases(tube(motion.trunk, shape, Z))
+    if not sharpness.size:
+        return None
+    t, i = np.unravel_index(np.argmax(sharpness), sharpness.shape)
+    return Bend(float(sharpness[t, i]), int(t), float(Z[i]))
 
 
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
@@ -189,9 +214,11 @@ def body_of(solid: Solid | None) -> tuple[str, str, float]:
 def nearest_to_solid(solid: Solid, cells: Cells) -> Nearest:
     """The smallest gaps on cells whose shapes are seen from the solid."""
     Z = cells.first.Z
-    inside = np.flatnonzero((solid.Z[0] <= Z) & (solid.Z[1] >= Z))
-    low = min(int(inside[0]) if inside.size else len(Z), len(Z) - 2)
-    high = max(int(inside[-1]) if inside.size else 0, low + 1)
+    low = int(np.searchsorted(Z, solid.Z[0]))
+    high = int(np.searchsorted(Z, solid.Z[1], side="right")) - 1
+    if high <= low:  # a part with one disc or none: the piece around it
+        low = min(max(high, 0), len(Z) - 2)
+        high = low + 1
 
     def at_discs(discs: Tube, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         ends = np.unique([pieces, pieces + 1])

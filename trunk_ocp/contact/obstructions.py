@@ -38,7 +38,7 @@ def obstructions(motion: Motion) -> list[str]:
                     )
                     key = (target.source, solid.name)
                     deepest[key] = max(deepest.get(key, (0.0, "")), (depth, sentence))
-    return [*(sentence for _, sentence in deepest.values()), *_at_rest(motion, tol)]
+    return [*(sentence for _, sentence in deepest.values()), *_at_rest(motion)]
 
 
 def _depth(target: Target, solid: Solid) -> float:
@@ -50,20 +50,24 @@ def _depth(target: Target, solid: Solid) -> float:
     return solid.clearance - float(signed_distance(solid, np.asarray(target.position))[0])
 
 
-def _at_rest(motion: Motion, tol: float) -> Iterator[str]:
-    """Bodies that the passive trunk is in."""
-    rest = np.zeros(len(motion.trunk.muscles))
+def stuck_at_rest(motion: Motion) -> list[Gap]:
+    """Gaps of the passive trunk, where the motion starts, that are smaller than it asks for."""
+    tol, rest = TOUCH * motion.trunk.length, np.zeros(len(motion.trunk.muscles))
     try:
         shape = solve_statics(motion.trunk, rest[None], np.zeros((1, 2)), Loads(motion.gravity))
     except StaticsError:
-        return
-    for gap in gaps_at_rest(motion, shape):
-        if gap.group in motion.contact and gap.depth > tol:
-            yield (
-                f"at rest, where the motion starts, the trunk is {1e3 * gap.depth:.3g} mm too "
-                f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
-                "later phase"
-            )
+        return []
+    return [g for g in gaps_at_rest(motion, shape) if g.group in motion.contact and g.depth > tol]
+
+
+def _at_rest(motion: Motion) -> Iterator[str]:
+    """Bodies that the passive trunk is in."""
+    for gap in stuck_at_rest(motion):
+        yield (
+            f"at rest, where the motion starts, the trunk is {1e3 * gap.depth:.3g} mm too "
+            f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
+            "later phase"
+        )
 
 
 def _the(gap: Gap) -> str:

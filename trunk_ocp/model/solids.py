@@ -35,6 +35,8 @@ SolidShape = Literal["sphere", "capsule", "cylinder", "half-space", "box", "elli
 Group = Literal["head", "log", "obstacles"]
 Axes = tuple[Vector, Vector, Vector]
 UNTURNED: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+SELF = "itself"
+"""Name of the trunk as the body that it may touch."""
 
 MAX_NEWTON_STEPS = 60
 """For the distance from an ellipsoid; 10 suffice unless its axes differ by orders of magnitude."""

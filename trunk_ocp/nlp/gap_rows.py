@@ -9,15 +9,12 @@ import casadi as ca
 import numpy as np
 
 from ..model.anatomy import Trunk
-from ..model.solids import Solid, pivot
+from ..model.solids import SELF, Solid, pivot
 from ..rod.collocation import Mesh, gauss
 from .gap_functions import scaled_stretch, section_gap, solid_gap
 from .nlp_builder import NLPBuilder
 from .quantities import Component, Meaning, Quantity, scalar, units_of
 from .rod_block import RodEquations, Unknowns
-
-SELF = "itself"
-"""Name of the trunk as the body that it may touch."""
 
 
 @dataclass(frozen=True)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
+from ..contact.obstructions import stuck_at_rest
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
+from .options import REFINEMENTS, TOO_COARSE, finer_mesh
 from .plan import Plan
 from .planning_run import PlanningRun
 
@@ -34,9 +36,10 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
-    exchange = Exchange(run.motion)
+    exchange = Exchange(run.motion, dict(run.gaps))
+    stuck = {gap.body for gap in stuck_at_rest(run.motion)}
     for insertions in range(MAX_INSERTIONS + 1):
-        plan, deep = _exchanged(plan, run, exchange)
+        plan, deep = _exchanged(plan, run, exchange, stuck)
         motion = _refined(plan, deep)
         if insertions == MAX_INSERTIONS or motion is None:
             break
@@ -52,28 +55,49 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     return plan
 
 
-def _exchanged(plan: Plan, run: PlanningRun, exchange: Exchange) -> tuple[Plan, list[Gap]]:
-    """The plan with all gaps that its time steps can keep, and those too small between them."""
-    reporter = run.optimizer.reporter
+def _exchanged(
+    plan: Plan, run: PlanningRun, exchange: Exchange, stuck: Collection[str]
+) -> tuple[Plan, list[Gap]]:
+    """The plan with all gaps that its time steps can keep, and those too small between them.
+
+    stuck : bodies that the trunk is in at rest, which no plan can change.
+    """
+    reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit = MAX_TIGHTENING * run.motion.trunk.length
+    clear_at_steps: Plan | None = None
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
         if exchange.add(plan.x, plan.shape):
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         else:
-            between = plan.clearance.between
+            between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep and run.mode == "horizon":
                 return plan, deep
-            ways = exchange.tighten(between)
-            if not ways:
+            if ways := exchange.tighten(between):
+                clear_at_steps = clear_at_steps or plan
+                reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
+            elif plan.verification.too_coarse and refinements < REFINEMENTS:
+                refinements += 1
+                mesh = finer_mesh(run.motion, mesh)
+                reporter.note(TOO_COARSE.format(mesh.elements))
+            else:
                 break
-            reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
-        plan = replace(
-            run, mesh=plan.mesh, start=None, checkpoint=None, guess=plan.x, gaps=exchange.rows
-        ).run()
+        next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
+        again = replace(next_run, guess=plan.x).run()
+        if clear_at_steps is not None and not again.converged and not again.cut_short:
+            return _not_tightened(clear_at_steps, run), []
+        plan = again
     return plan, []
+
+
+def _not_tightened(plan: Plan, run: PlanningRun) -> Plan:
+    """The plan before gaps were widened, which collides between time steps, with a note why."""
+    violated = next((s.violations for s in reversed(run.optimizer.solves) if s.violations), ())
+    reason = f": {violated[0]}" if violated else ""
+    note = f"no plan was found with wider gaps, to keep clear between time steps{reason}"
+    return plan.with_record(notes=(*plan.notes, note))
 
 
 def _refined(plan: Plan, deep: Sequence[Gap]) -> Motion | None:

@@ -16,6 +16,7 @@ GAUSS_POINTS = 24
 """Of the first mesh; with fewer, the shipped motions come close to the limits of the check."""
 REFINEMENTS = 2
 """How often elements are halved where the independent check finds the mesh too coarse."""
+TOO_COARSE = "The mesh was too coarse; planning again with {} elements."
 
 
 @dataclass(frozen=True)
@@ -74,3 +75,8 @@ def first_mesh(motion: Motion, options: Options) -> Mesh:
     coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)
     degree = options.degree or min(max(GAUSS_POINTS // coarse.elements, 3), 6)
     return Mesh(coarse.edges, degree)
+
+
+def finer_mesh(motion: Motion, mesh: Mesh) -> Mesh:
+    """A mesh of the same degree with about half as long elements."""
+    return mesh_for(motion.trunk, motion.contact_from, 2 * mesh.elements, mesh.degree)

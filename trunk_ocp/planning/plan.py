@@ -13,7 +13,8 @@ import numpy as np
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
-from ..contact.gaps import gaps_at_steps
+from ..contact.gaps import gaps_at_steps, sharpest_bend
+from ..contact.obstructions import obstructions
 from ..errors import TrunkError
 from ..model.loads import Loads
 from ..nlp.gap_rows import GapRow
@@ -227,6 +228,7 @@ class Plan:
             ),
             tuple(between),
             self.motion.trunk.length,
+            sharpest_bend(self.motion, self.shape),
         )
 
     @property
@@ -433,7 +435,8 @@ class PlanError(TrunkError):
         violated = plan.failure.violations if plan.failure else ()
         collisions = plan.collisions if plan.status is Status.COLLIDING else []
         faults = plan.verification.faults
-        problems = [*map(str, violated), *faults, *collisions, *plan.missed, *plan.notes]
+        blocked = obstructions(plan.motion) if plan.motion.contact and not plan.cut_short else []
+        problems = [*blocked, *map(str, violated), *faults, *collisions, *plan.missed, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(
             f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The error's attribute "

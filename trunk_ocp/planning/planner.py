@@ -18,6 +18,7 @@ import numpy as np
 from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
+from ..contact.exchange import Exchange
 from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
@@ -25,11 +26,10 @@ from ..nlp.ipopt_options import CONTACT_OPTIONS, ROUGH_OPTIONS
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
-from ..rod.collocation import mesh_for
 from .avoidance import clear_of_bodies
 from .checkpoint import Checkpoint
 from .checkpoint_file import COUNTERS
-from .options import REFINEMENTS, Options, first_mesh, mode_of
+from .options import REFINEMENTS, TOO_COARSE, Options, finer_mesh, first_mesh, mode_of
 from .plan import Plan
 from .planning_run import PlanningRun
 
@@ -105,12 +105,18 @@ def plan_motion(
     if mode != "sequential" and start is None:
         start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
+    if motion.contact and start is not None and start.converged:
+        seed = Exchange(motion)  # saves a horizon without gaps
+        seed.add(start.x, start.shape)
+        run = replace(run, gaps=seed.rows, optimizer=avoiding if seed.count else optimizer)
     if run.stopped and start is not None:
         plan = _start_as_plan(start, run)
     else:
         plan = _refined(run.run(), run)
         if motion.contact:
             plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
+            if run.stopped and plan.collisions:
+                plan = _stopped(plan, run)
     parts: list[Optimizer | Plan] = [*([given] if given else []), rough, optimizer, avoiding]
     plan = plan.with_record(
         **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},
@@ -157,10 +163,8 @@ def _refined(plan: Plan, run: PlanningRun) -> Plan:
             break
         if run.stopped:
             return _stopped(plan, run)
-        mesh = mesh_for(run.motion.trunk, run.motion.contact_from, 2 * mesh.elements, mesh.degree)
-        run.optimizer.reporter.note(
-            f"The mesh was too coarse; planning again with {mesh.elements} elements."
-        )
+        mesh = finer_mesh(run.motion, mesh)
+        run.optimizer.reporter.note(TOO_COARSE.format(mesh.elements))
         start = plan if run.mode != "sequential" else None
         finer = replace(run, mesh=mesh, start=start).run()
         plan = finer if len(finer.x) == len(plan.x) else _stopped(plan, run)

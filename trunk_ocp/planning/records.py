@@ -16,7 +16,8 @@ import numpy as np
 
 from .._support.toml_files import printable
 from ..errors import InputError
-from ..nlp.gap_rows import SELF, GapRow
+from ..model.solids import SELF
+from ..nlp.gap_rows import GapRow
 from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
 from ..problem.motion import Bounds, Motion

@@ -6,7 +6,7 @@ from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.loads import Vector
 from ..model.solid_specs import ObstacleSpec
-from ..model.solids import Axes, Solid, built_solid
+from ..model.solids import SELF, Axes, Solid, built_solid
 from .motion import LENGTH_OVER_RADIUS, Log
 from .problem_file import PhaseSpec, ProblemSpec
 
@@ -39,7 +39,7 @@ def log_solid(center: Vector, radius: float, length: float) -> Solid:
 
 def check_obstacles(obstacles: tuple[ObstacleSpec, ...], trunk: Trunk) -> None:
     """Raise InputError unless names are all different and parts of the trunk are on the trunk."""
-    names = [LOG_NAME, *(solid.name for solid in trunk.head.body)]
+    names = [LOG_NAME, SELF, *(solid.name for solid in trunk.head.body)]
     for number, obstacle in enumerate(obstacles, 1):
         where = f"obstacles[{number}]"
         if obstacle.name in names:

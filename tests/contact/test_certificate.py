@@ -1,0 +1,161 @@
+"""Lower bounds of gaps against densely sampled surfaces of tubes that bend and move smoothly."""
+
+import numpy as np
+import pytest
+from plans import shipped
+from scipy.spatial.transform import Rotation
+
+from trunk_ocp.contact.certificate import (
+    cell_errors,
+    error_along,
+    pair_bounds,
+    solid_bounds,
+)
+from trunk_ocp.contact.tube import Tube, solid_gaps, tube
+from trunk_ocp.model.solids import Solid, signed_distance
+from trunk_ocp.rod.statics import solve_statics
+from trust.validation.rods import contractions
+
+SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "half-space": 0, "box": 3, "ellipsoid": 3}
+FINER = 6  # dense samples of a piece
+ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+
+
+def bounds_along(discs, solid):
+    return solid_bounds([discs], error_along(discs), np.arange(len(discs.Z) - 1), solid)
+
+
+def bounds_between(first, last, error, solid):
+    return solid_bounds([first, last], error, np.arange(len(first.Z) - 1), solid)
+
+
+def random_motion(seed):
+    """(Z, times) -> discs of a tube of length about 1 whose centerline is a moving Fourier sum."""
+    rng = np.random.default_rng(seed)
+    waves, phases = rng.uniform(1, 7, (4, 3)), rng.uniform(0, 6, (4, 3))
+    speeds, sizes = (
+        rng.uniform(-2, 2, (4, 3)),
+        rng.uniform(0, 0.12, (4, 3)) / np.arange(1, 5)[:, None],
+    )
+
+    def discs(Z, times):
+        angle = waves * Z[None, :, None, None] + phases + speeds * times[:, None, None, None]
+        center = np.sum(sizes * np.sin(angle), axis=2)
+        center[..., 0] += Z
+        slope = np.sum(sizes * waves * np.cos(angle), axis=2)
+        slope[..., 0] += 1
+        radius = (0.12 - 0.08 * Z) * (1 + 0.1 * np.sin(3 * times))[:, None]
+        return Tube(Z, center, slope / np.linalg.norm(slope, axis=-1, keepdims=True), radius)
+
+    return discs
+
+
+def rims(discs):
+    """Points (H, n, angles, 3) of the rims of discs; with them, linear bounds hold inside too."""
+    other = np.cross(discs.tangent, [0.36, 0.48, 0.8])
+    other /= np.linalg.norm(other, axis=-1, keepdims=True)
+    third = np.cross(discs.tangent, other)
+    around = (
+        np.cos(ANGLES)[:, None] * other[..., None, :]
+        + np.sin(ANGLES)[:, None] * third[..., None, :]
+    )
+    return discs.center[..., None, :] + discs.radius[..., None, None] * around
+
+
+def random_solid(shape, rng):
+    axes = tuple(map(tuple, Rotation.random(random_state=rng.integers(10**6)).as_matrix()))
+    sizes = tuple(rng.uniform(0.02, 0.3, SIZES[shape]))
+    center = np.array([rng.uniform(0, 1), 0, 0]) + 0.4 * rng.normal(size=3)
+    return Solid("it", "obstacles", shape, tuple(center), axes, sizes)
+
+
+def dense(motion, n, times):
+    """Rims at `FINER` places in each of n pieces, ends included: (H, n, FINER + 1, angles, 3)."""
+    Z = np.linspace(0, 1, n * FINER + 1)
+    points = rims(motion(Z, times))
+    starts = FINER * np.arange(n)[:, None] + np.arange(FINER + 1)
+    return points[:, starts]
+
+
+@pytest.mark.parametrize("shape", list(SIZES))
+def test_bounds_along_the_trunk_hold_and_converge(shape):
+    rng, times = np.random.default_rng(list(SIZES).index(shape)), np.zeros(1)
+    slack = {16: [], 32: [], 64: []}
+    for seed in range(6):
+        motion, solid = random_motion(seed), random_solid(shape, rng)
+        for n, lost in slack.items():
+            bounds = bounds_along(motion(np.linspace(0, 1, n + 1), times), solid)
+            least = signed_distance(solid, dense(motion, n, times))[0].min(axis=(2, 3))
+            assert np.all(bounds <= least)
+            gaps = solid_gaps(motion(np.linspace(0, 1, 1001), times), solid)
+            lost.append(abs(gaps.min() - bounds.min()))
+    assert np.mean(slack[64]) < np.mean(slack[16]) / 6
+    assert max(slack[64]) < 0.01
+
+
+@pytest.mark.parametrize("shape", list(SIZES))
+def test_bounds_between_instants_hold_and_converge(shape):
+    rng, n = np.random.default_rng(20 + list(SIZES).index(shape)), 64
+    slack = {0.4: [], 0.1: []}
+    for seed in range(4):
+        motion, solid = random_motion(seed), random_solid(shape, rng)
+        Z, start = np.linspace(0, 1, n + 1), rng.uniform(0, 3)
+        for duration, lost in slack.items():
+            edges = start + np.array([0, duration / 2, duration])
+            first, middle, last = (motion(Z, edges[i : i + 1]) for i in range(3))
+            error = cell_errors(first, middle, last)
+            for a, b, ends in ((first, middle, edges[:2]), (middle, last, edges[1:])):
+                bounds = bounds_between(a, b, error, solid)[0]
+                points = dense(motion, n, np.linspace(*ends, 7))
+                least = signed_distance(solid, points)[0].min(axis=(0, 2, 3))
+                assert np.all(bounds <= least)
+                moving = motion(np.linspace(0, 1, 401), np.linspace(*ends, 7))
+                lost.append(abs(solid_gaps(moving, solid).min() - bounds.min()))
+    assert np.mean(slack[0.1]) < np.mean(slack[0.4]) / 3
+    assert max(slack[0.1]) < 0.01
+
+
+def test_bounds_of_pairs_hold_and_converge():
+    slack = {16: [], 64: []}
+    for seed in range(4):
+        motion, times = random_motion(seed), np.array([0.3])
+        for n, lost in slack.items():
+            discs = motion(np.linspace(0, 1, n + 1), times)
+            pairs = np.random.default_rng(seed).integers(0, n, (12, 2))
+            pairs = pairs[np.abs(pairs[:, 0] - pairs[:, 1]) > n // 3]
+            bounds = pair_bounds([discs], error_along(discs), pairs)[0]
+            points = dense(motion, n, times)[0].reshape(n, -1, 3)
+            for (i, j), bound in zip(pairs, bounds, strict=True):
+                least = np.linalg.norm(points[i][:, None] - points[j][None], axis=-1).min()
+                assert bound <= least
+                lost.append(least - bound)
+    assert np.mean(slack[64]) < np.mean(slack[16]) / 2
+
+
+def test_bounds_of_moving_pairs_hold():
+    n, Z = 48, np.linspace(0, 1, 49)
+    for seed in range(4):
+        motion, edges = random_motion(seed), np.array([0.5, 0.6, 0.7])
+        first, middle, last = (motion(Z, edges[i : i + 1]) for i in range(3))
+        pairs = np.random.default_rng(seed).integers(0, n, (10, 2))
+        pairs = pairs[np.abs(pairs[:, 0] - pairs[:, 1]) > n // 3]
+        bounds = pair_bounds([first, middle], cell_errors(first, middle, last), pairs)[0]
+        points = dense(motion, n, np.linspace(*edges[:2], 5)).reshape(5, n, -1, 3)
+        for (i, j), bound in zip(pairs, bounds, strict=True):
+            for now in points:
+                assert bound <= np.linalg.norm(now[i][:, None] - now[j][None], axis=-1).min()
+
+
+@pytest.mark.parametrize("name", ["pick-fruit", "lift-log"])
+def test_bounds_along_loaded_trunks_hold(name):
+    trunk, n = shipped(name).trunk, 64
+    activation = contractions(trunk, 6, seed=2)
+    loads = [step.loads for step in shipped(name).steps[-6:]]
+    shape = solve_statics(trunk, activation, np.zeros((6, 2)), (loads * 6)[:6])
+    solid = Solid("it", "obstacles", "sphere", (0.5, 0.0, 0.2), sizes=(0.3,))
+    coarse, fine = (tube(trunk, shape, np.linspace(0, trunk.length, k + 1)) for k in (n, n * FINER))
+    bounds = bounds_along(coarse, solid)
+    starts = FINER * np.arange(n)[:, None] + np.arange(FINER + 1)
+    least = signed_distance(solid, rims(fine))[0].min(axis=-1)[:, starts].min(axis=-1)
+    assert np.all(bounds <= least)
+    assert np.max(least.min(axis=1) - bounds.min(axis=1)) < 0.02

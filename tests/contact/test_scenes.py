@@ -1,0 +1,37 @@
+"""Random scenes: whatever a plan claims, points of its surface are in no body, at any time.
+
+SCENES=300 in the environment plans as many; they take some minutes.
+"""
+
+import os
+
+import pytest
+from dense_contact import deepest
+from scenes import scene
+
+from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.planner import plan_motion
+
+pytestmark = pytest.mark.slow
+
+CLAIM_NO_COLLISION = (Status.SOLVED, Status.MISSED, Status.UNSTABLE)
+COUNT = int(os.environ.get("SCENES", "12"))
+TOL = 1e-4 / 1.75
+"""Depth that counts as a collision, over the trunk's length; 0.1 mm for the elephant."""
+
+
+@pytest.mark.parametrize("number", range(COUNT))
+def test_a_plan_collides_only_if_it_says_so(number):
+    motion = scene(number)
+    plan = plan_motion(motion, throw=False, deadline=300.0)
+    assert plan.status is not Status.UNVERIFIED
+    if plan.status in CLAIM_NO_COLLISION:
+        depth, where = deepest(plan)
+        assert depth <= TOL * motion.trunk.length, where
+        assert not plan.collisions
+        assert plan.clearance.min.bound >= -TOL * motion.trunk.length
+    if plan.status is Status.COLLIDING:
+        depth, _ = deepest(plan, between=40)
+        tol = 1e-3 * motion.trunk.length  # the check may be cautious where motion is fast
+        assert depth > -tol
+        assert plan.collisions
