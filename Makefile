@@ -28,7 +28,7 @@ motion: venv  ## Plan pick-fruit and draw it, in results/pick-fruit.
 pictures: venv  ## Draw the pictures of the documentation.
 	$(BIN)/python docs/pictures.py
 
-results: venv  ## Plan all shipped motions, sequential and horizon, in results/study.
+results: venv  ## Plan the motions of the paper, sequential and horizon, in results/study.
 	for motion in lift-log lift-log-asymmetric pick-fruit; do \
 	  $(BIN)/solve-motion $$motion --mode both --out results/study/$$motion || exit 1; done
 

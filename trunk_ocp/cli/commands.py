@@ -83,7 +83,8 @@ def solve(
 
     PROBLEM is pick-fruit (the default), lift-log or lift-log-asymmetric, feed-fruit, lift-log-hung,
     fruit-behind-posts or tight-curl, which keep clear of bodies, or a problem file of your own
-    (.toml). Planning takes a few seconds for the shipped motions, the figures about ten more. Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
+    (.toml). Planning takes a few seconds for the shipped motions, the figures about ten more.
+    Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
     interactive page in DIR. Ctrl-C stops and saves the best plan so far; press it again to quit
     immediately.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._support.wording import step_list
-from .gaps import Gap
+from .gaps import Bend, Gap
 
 COLLISION_TOL = 5.7e-5
 """By how much a gap may be too small, as a share of the trunk's length; 0.1 mm for the elephant."""
@@ -28,11 +28,14 @@ class Clearance:
         The smallest gap to each body at each time step, and on the way to each.
     length : float
         Length of the trunk in m.
+    bend : Bend or None
+        The sharpest bend at a time step.
     """
 
     at_steps: tuple[Gap, ...]
     between: tuple[Gap, ...]
     length: float
+    bend: Bend | None = None
 
     @property
     def min(self) -> Gap | None:
@@ -64,12 +67,17 @@ class Clearance:
 
     @property
     def warnings(self) -> list[str]:
-        """Bodies that the trunk certainly is in, or closer to than asked, a sentence each."""
+        """Bodies that the trunk certainly is in, or closer to than asked, and creases."""
         tol, found = COLLISION_TOL * self.length, []
         for body in dict.fromkeys(gap.body for gap in self.all):
             small = [gap for gap in self.all if gap.body == body and gap.depth > tol]
             if small:
                 found.append(_sentence(small, tol))
+        if self.bend is not None and self.bend.sharpness > 1:
+            found.append(
+                f"the trunk creases at step {self.bend.step + 1}, Z = {self.bend.Z:.2f} m: it "
+                f"bends {self.bend.sharpness:.3g} times as sharply as its own radius"
+            )
         return found
 
 

@@ -11,7 +11,7 @@ from ..model.solids import SELF, Solid
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from .certificate import error_along, pair_bounds, solid_bounds
-from .tube import Tube, apart, pair_gaps, seen_by, solid_gaps, tube
+from .tube import Tube, apart, creases, pair_gaps, seen_by, solid_gaps, tube
 
 SECTIONS = 512
 """Pieces of the trunk; also the finest of those that are compared with each other."""
@@ -116,6 +116,29 @@ class Cells:
     def tubes(self) -> tuple[Tube, ...]:
         """Shapes at the ends."""
         return (self.first,) if self.first is self.last else (self.first, self.last)
+
+
+@dataclass(frozen=True)
+class Bend:
+    """The sharpest bend of a plan: its radius of section over its radius of curvature.
+
+    Above 1, neighboring sections cut each other: a crease, see `tube.creases`. At a time step,
+    from 0, and a place Z in m.
+    """
+
+    sharpness: float
+    step: int
+    Z: float
+
+
+def sharpest_bend(motion: Motion, shape: Shape) -> Bend | None:
+    """The sharpest bend of planned shapes (H,); None without steps."""
+    Z = section_points(motion)
+    sharpness = creases(tube(motion.trunk, shape, Z))
+    if not sharpness.size:
+        return None
+    t, i = np.unravel_index(np.argmax(sharpness), sharpness.shape)
+    return Bend(float(sharpness[t, i]), int(t), float(Z[i]))
 
 
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:

@@ -13,7 +13,7 @@ import numpy as np
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
-from ..contact.gaps import gaps_at_steps
+from ..contact.gaps import gaps_at_steps, sharpest_bend
 from ..contact.obstructions import obstructions
 from ..errors import TrunkError
 from ..model.loads import Loads
@@ -228,6 +228,7 @@ class Plan:
             ),
             tuple(between),
             self.motion.trunk.length,
+            sharpest_bend(self.motion, self.shape),
         )
 
     @property
