@@ -30,6 +30,8 @@ from .tube import Tube, seen_by, tube
 FIRST_CELLS = 4
 """Pieces of the time between two steps, of which each is halved at least once."""
 MAX_HALVINGS = 6
+AT_ONCE = 16
+"""Ways to time steps that are looked at together; each takes some 5 MB."""
 
 
 def gaps_between_steps(
@@ -44,10 +46,20 @@ def gaps_between_steps(
     precise : bool
         Whether time is halved further where it is not clear whether a gap is large enough.
     """
-    samples = _Samples(motion, x, loads, shape)
-    ways = [
+    moving = [
         t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
     ]
+    parts = [moving[i : i + AT_ONCE] for i in range(0, len(moving), AT_ONCE)]
+    return [
+        gap
+        for ways in parts
+        for gap in _gaps_on_ways(_Samples(motion, x, loads, shape), ways, precise)
+    ]
+
+
+def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: bool) -> list[Gap]:
+    """Gaps on the way to some time steps (from 0)."""
+    motion = samples.motion
     times = np.append(0.0, motion.times)
     grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1) for t in ways]
     indices = samples.add(ways, grids)
