@@ -24,7 +24,7 @@ def of_mouth(trunk: Trunk) -> Iterator[tuple[str, object, str]]:
     away = float(min(signed_distance(solid, np.array(mouth[0]))[0] for solid in body))
     if abs(away) > MOUTH_TOL:
         side = "outside" if away > 0 else "inside"
-        yield "head.mouth[0]", mouth[0], f"{1e3 * abs(away):.3g} mm {side} of the head's body"
+        yield "head.mouth.point", mouth[0], f"{1e3 * abs(away):.3g} mm {side} of the head's body"
 
 
 def of_obstacles(
