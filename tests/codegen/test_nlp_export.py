@@ -309,6 +309,14 @@ def test_an_anatomy_has_no_constraints(to):
         WRITERS[to][0](Request(build_model(trunk), "constraints", "asian-elephant"))
 
 
+def test_gaps_from_bodies_are_not_exported():
+    motion = first_steps("lift-log", 2).with_contact("log")
+    with pytest.raises(InputError, match=r"without \[contact\]"):
+        WRITERS["c"][0](
+            Request(build_model(motion.trunk), "constraints", "lift-log", motion=motion)
+        )
+
+
 @pytest.mark.parametrize(("to", "line"), [("c", "install gcc"), ("mex", "install octave")])
 def test_a_missing_tool_is_named_with_the_line_that_installs_it(to, line, tmp_path, monkeypatch):
     folder = saved(exported(to), tmp_path / to)

@@ -9,6 +9,7 @@ import pytest
 from dense_contact import deepest
 from scenes import scene
 
+from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 
@@ -23,7 +24,7 @@ TOL = 1e-4 / 1.75
 @pytest.mark.parametrize("number", range(COUNT))
 def test_a_plan_collides_only_if_it_says_so(number):
     motion = scene(number)
-    plan = plan_motion(motion, throw=False, deadline=300.0)
+    plan = plan_motion(motion, options=Options(max_iterations=60), throw=False)
     assert plan.status is not Status.UNVERIFIED
     if plan.status in CLAIM_NO_COLLISION:
         depth, where = deepest(plan)

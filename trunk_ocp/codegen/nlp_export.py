@@ -114,13 +114,18 @@ def export_nlp(request: Request) -> Exported:
     Raises
     ------
     InputError
-        If the request has no motion.
+        If the request has no motion, or one that has to keep clear of bodies.
     """
     motion = request.motion
     if motion is None:
         raise InputError(
             f"--what constraints: {request.name} is an anatomy; expected a problem, whose motion "
             "has constraints. Name one, such as pick-fruit."
+        )
+    if motion.contact:
+        raise InputError(
+            f"--what constraints: {request.name} has to keep clear of bodies, and which gaps "
+            "matter is found only while it is planned; expected a problem without [contact]."
         )
     options = Options()
     planning = PlanningRun(
