@@ -43,9 +43,8 @@ EXPECTED = {
 PLURALS = ("Loads", "PointShapes")
 """Names of classes that stand for several things."""
 ITEMS: dict[Any, str] = {float: "numbers", int: "whole numbers", str: "strings"}
-_hints: Callable[[Any], dict[str, Any]] = cache(
-    get_type_hints
-)  # at the first check, when every name in them is defined
+# At the first check, when every name in them is defined.
+_hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
 
 
 def check_arguments(function: Callable[P, T]) -> Callable[P, T]:

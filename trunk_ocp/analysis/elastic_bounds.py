@@ -207,10 +207,9 @@ def _physical(motion: Motion) -> list[tuple[float, float]]:
 
 def _excesses(elastic: Elastic, amounts: np.ndarray, smallest: float) -> tuple[Excess, ...]:
     """Excesses above a fraction of their bound's range, the largest fraction first."""
-    pairs = zip(elastic.bounds, amounts.tolist(), strict=True)
     excesses = [
         Excess(b, float(np.degrees(amount)) if b.unit == "deg" else amount)
-        for b, amount in pairs
+        for b, amount in zip(elastic.bounds, amounts.tolist(), strict=True)
         if amount > smallest * b.scale
     ]
     return tuple(sorted(excesses, key=lambda excess: -excess.amount / excess.bound.scale))

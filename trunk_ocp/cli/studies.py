@@ -82,13 +82,11 @@ def redundancy_command(run: str, ablate: bool, out: Path | None, no_figures: boo
 def _ablation(plan: Plan, console: Console) -> tuple[AblationResult, ...]:
     """The motion replanned without each muscle, with a line that shows progress."""
     reporter, interrupts = Reporter(), Interrupts.current or Interrupts()
-    with (
-        console.status("planning without each muscle") as line,
-        interrupts.graceful_stop(reporter),
-    ):
+    title = "planning without each muscle"
+    with console.status(title) as line, interrupts.graceful_stop(reporter):
 
         def show(done: int, total: int, result: AblationResult) -> None:
-            line.update(f"planning without each muscle: {done} of {total}")
+            line.update(f"{title}: {done} of {total}")
 
         return ablate_muscles(plan, progress=show, reporter=reporter)
 

@@ -59,8 +59,7 @@ def write_sympy(request: Request) -> dict[str, str | bytes]:
 
 def write_latex(request: Request) -> dict[str, str | bytes]:
     """LaTeX page of the muscle `request.muscle`; raises as `write_sympy` does."""
-    page = _text().latex_page(request.model.trunk, _muscle(request))
-    return {"trunk_formulas.tex": page}
+    return {"trunk_formulas.tex": _text().latex_page(request.model.trunk, _muscle(request))}
 
 
 def check_sympy(folder: Path) -> str:
@@ -135,8 +134,7 @@ def _check_rows(trunk: Trunk, muscle: Muscle) -> str:
     Z = np.unique([start, *inside, end, (end + trunk.length) / 2, trunk.length])
     head, rng = np.array([0.3, -0.2]), np.random.default_rng(7)
     activations = rng.uniform(-1, 0.3, (5, len(trunk.subdomains)))
-    activations[0] = 0.0  # at rest
-    activations[1] = 0.0
+    activations[:2] = 0.0  # at rest
     activations[1, column] = -0.4  # alone
     change = np.abs(strains(trunk, activations)[..., 0] - 1).max()
     activations *= min(1.0, 0.4 / max(change, 0.4))  # keeps every extension positive

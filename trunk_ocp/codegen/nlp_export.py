@@ -171,13 +171,11 @@ def _c_files(exported: Exported) -> dict[str, str | bytes]:
     """nlp.c, nlp.h and nlp_data.c."""
     with tempfile.TemporaryDirectory() as folder:
         # Canonical: full matrices list their nonzeros too, so that readers need no special case.
-        options = {"with_header": True, "force_canonical": True}
-        generator = ca.CodeGenerator("nlp.c", options)
+        generator = ca.CodeGenerator("nlp.c", {"with_header": True, "force_canonical": True})
         for function in exported.functions.values():
             generator.add(function)
         generator.generate(f"{folder}/")
         code, header = (Path(folder, f"nlp.{end}").read_text() for end in "ch")
-    head = _template("nlp.h", exported)
     arrays = {
         "lower": exported.bounds["lbx"],
         "upper": exported.bounds["ubx"],
@@ -188,7 +186,7 @@ def _c_files(exported: Exported) -> dict[str, str | bytes]:
     data = [f"const double nlp_{name}[] = {{{_c(v)}}};\n" for name, v in arrays.items()]
     return {
         "nlp.c": _template("nlp.c", exported) + code,
-        "nlp.h": head.replace("/* CasADi's declarations */\n", header),
+        "nlp.h": _template("nlp.h", exported).replace("/* CasADi's declarations */\n", header),
         "nlp_data.c": _template("nlp_data.c", exported) + "\n".join(data),
     }
 

@@ -99,7 +99,8 @@ def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
 
 def bodies_figure(trunk: Trunk) -> Figure:
     """Left: each group from above (dorsal); right: all muscles, moved outward."""
-    straight = _straight(trunk)
+    relaxed = np.zeros((1, len(trunk.subdomains)))
+    straight = solve_statics(trunk, relaxed, loads=Loads(gravity=0.0))
     names = groups(trunk)
     height = max(12.0 * len(names), 60.0) + 12
     figure = style.new_figure(height)
@@ -141,12 +142,6 @@ def _exploded(figure: Figure, trunk: Trunk, bodies: list[tuple[Muscle, np.ndarra
     paint(axes, EXPLODED, [Surface(body, colors[muscle.group]) for (muscle, _), body in pairs])
     frame(axes, EXPLODED, box)
     measure(axes, box)
-
-
-def _straight(trunk: Trunk) -> Shape:
-    """The trunk without contraction or load, (1,) shapes."""
-    relaxed = np.zeros((1, len(trunk.subdomains)))
-    return solve_statics(trunk, relaxed, loads=Loads(gravity=0.0))
 
 
 def _facets(trunk: Trunk, muscle: Muscle, straight: Shape) -> np.ndarray:

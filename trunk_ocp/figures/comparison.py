@@ -48,10 +48,9 @@ def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
         left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,
     )  # fmt: skip
     if rows:
-        panels = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
-        _activations(
-            panels.subplots(squeeze=False, sharex=True, sharey=True), (sequential, horizon)
-        )
+        grid = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
+        panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
+        _activations(panels, (sequential, horizon))
     below = grids[1].subgridspec(1, 3, wspace=0.42).subplots(squeeze=False)[0]
     _numbers(list(below), (sequential, horizon))
     _legend(figure, (sequential, horizon))
@@ -93,8 +92,9 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
         change = np.abs(np.diff(plan.trajectory[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, change, at_bound), strict=True):
+            at = times[len(times) - len(values) :]
             axes.plot(
-                times[-len(values) :] if len(values) else [],
+                at,
                 values,
                 "o-",
                 color=color,

@@ -107,8 +107,7 @@ def _surfaces(plan: Plan, moment: Moment, group: str, side: str, scale: Normaliz
 
 def activation_color(scale: Normalize, activation: float) -> tuple[float, float, float]:
     """Color of a muscle with an activation."""
-    red, green, blue, _ = matplotlib.colormaps[ACTIVATION](float(scale(abs(activation))))
-    return (red, green, blue)
+    return matplotlib.colormaps[ACTIVATION](float(scale(abs(activation))))[:3]
 
 
 def strongest(plan: Plan) -> float:

@@ -79,10 +79,9 @@ def _panel(axes: Axes, redundancy: Redundancy, index: int, color: str) -> None:
     effort = redundancy.versions["least effort"].trajectory[:, index]
     axes.plot(times, plan.trajectory[:, index], ".-", color=color, markersize=2.5, gid="plan")
     axes.plot(times, effort, color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), gid="least effort")
-    kind = freedom.kinds[index]
     axes.text(
-        0.985, 0.93, kind, transform=axes.transAxes, ha="right", va="top", fontsize=5.5,
-        color=style.INK,
+        0.985, 0.93, freedom.kinds[index], transform=axes.transAxes, ha="right", va="top",
+        fontsize=5.5, color=style.INK,
     )  # fmt: skip
 
 

@@ -232,8 +232,7 @@ def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surf
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
-    red, green, blue, _ = EARLY_TO_LATE(index / max(count - 1, 1))
-    return (red, green, blue)
+    return EARLY_TO_LATE(index / max(count - 1, 1))[:3]
 
 
 def _body(plan: Plan, moment: Moment) -> np.ndarray:

@@ -242,7 +242,6 @@ def _identity(
     motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
 ) -> dict[str, Any]:
     """Everything that a plan depends on, ready for JSON."""
-    start_hash = None if start is None else fingerprint([start.x, start.shape.states, start.mesh])
     return {
         "problem": plain(motion.spec),
         "anatomy": plain(motion.anatomy),
@@ -251,7 +250,7 @@ def _identity(
         "options": asdict(options) | {"mode": mode, "lookahead": lookahead},
         "versions": {key: text for key, text in versions().items() if key != "platform"},
         "steps": fingerprint(motion.steps),
-        "start": start_hash,
+        "start": None if start is None else fingerprint([start.x, start.shape.states, start.mesh]),
     }
 
 

@@ -11,6 +11,7 @@ import base64
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -182,7 +183,7 @@ class Grid:
 def section_grid(trunk: Trunk) -> Grid:
     """Cross-sections of a trunk; every edge between segments has one."""
     Z, edges = [np.zeros(1)], [0]
-    for start, end in zip(trunk.edges[:-1], trunk.edges[1:], strict=True):
+    for start, end in pairwise(trunk.edges):
         intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
         Z.append(np.linspace(start, end, intervals + 1)[1:])
         edges.append(edges[-1] + intervals)
@@ -198,9 +199,7 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
         "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
         "cores": [
             {"first": first, "last": last, "radius": core_radius(trunk, segment)}
-            for segment, (first, last) in enumerate(
-                zip(grid.edges[:-1], grid.edges[1:], strict=True)
-            )
+            for segment, (first, last) in enumerate(pairwise(grid.edges))
         ],
     }
 

@@ -57,10 +57,8 @@ def least_cost(plan: Plan, off: Collection[str] = ()) -> Plan:
         raise InputError(
             "weights: expected an effort above 0, without which the choice is not unique."
         )
-    return _chosen(
-        plan,
-        lambda region: _least(plan, region.without(silent), weights.rate / weights.effort),
-    )
+    rate = weights.rate / weights.effort
+    return _chosen(plan, lambda region: _least(plan, region.without(silent), rate))
 
 
 def least_peak(plan: Plan) -> Plan:
@@ -174,14 +172,12 @@ def _smallest_peak(region: ActivationSet) -> float:
     n, k = len(region.lower), len(region.bounded)
     one, none = np.ones((n, 1)), np.zeros((k, 1))
     unit = sp.eye_array(n)
-    below = sp.block_array(
-        [[unit, -one], [-unit, -one], [region.change, none], [-region.change, none]]
-        if k
-        else [[unit, -one], [-unit, -one]]
-    )
+    below = [[unit, -one], [-unit, -one]]
+    if k:
+        below += [[region.change, none], [-region.change, none]]
     result = linprog(
         np.append(np.zeros(n), 1.0),
-        A_ub=below,
+        A_ub=sp.block_array(below),
         b_ub=np.concatenate([np.zeros(2 * n), region.most, -region.least]),
         A_eq=sp.hstack([region.strain, sp.csr_array((len(region.target), 1))]),
         b_eq=region.target,
