@@ -1,4 +1,4 @@
-"""Gaps between time steps: time is halved until bounds decide whether gaps are large enough."""
+"""Gaps between time steps: time is divided until bounds decide whether gaps are large enough."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from ..problem.interpolation import interpolate_all, loads_at, loads_before
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
-from .certificate import cell_errors
+from .certificate import error_in_time
 from .gaps import (
-    ACCURACY,
     Cells,
     Gap,
     Nearest,
@@ -27,9 +26,13 @@ from .gaps import (
 )
 from .tube import Tube, seen_by, tube
 
-FIRST_CELLS = 4
-"""Pieces of the time between two steps, of which each is halved at least once."""
-MAX_HALVINGS = 6
+FIRST_CELLS, MAX_DIVISIONS = 2, 4
+"""Pieces of the time between two steps, and how often they are divided into quarters at most."""
+BETWEEN_TOL = 5.5e-5
+"""By how much a gap may be too small between time steps, as a share of the trunk's length; 0.096 mm
+for the elephant."""
+MAX_DEFECT = 1e-4
+"""Largest `Shape.defect` of a shape between time steps; its mesh was checked at the steps only."""
 AT_ONCE = 16
 """Ways to time steps that are looked at together; each takes some 5 MB."""
 
@@ -44,7 +47,7 @@ def gaps_between_steps(
     Parameters
     ----------
     precise : bool
-        Whether time is halved further where it is not clear whether a gap is large enough.
+        Whether time is divided further where it is not clear whether a gap is large enough.
     """
     moving = [
         t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
@@ -70,13 +73,13 @@ def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: bool) -> list
         if t not in lost
     ]
     bodies, cells = _bodies(motion, ways), _Cells.joined(parts)
-    for number in range(MAX_HALVINGS if precise else 1):
+    for number in range(MAX_DIVISIONS if precise else 1):
         if not cells.steps.size:
             break
-        middle = samples.middles(cells)
-        lost |= set(cells.steps[middle < 0].tolist())
+        inner = samples.inside(cells)
+        lost |= set(cells.steps[np.any(inner < 0, axis=0)].tolist())
         alive = ~np.isin(cells.steps, list(lost))
-        _look(samples, bodies, cells.chosen(alive), middle[alive], everything=number == 0)
+        _look(samples, bodies, cells.chosen(alive), inner[:, alive], everything=number == 0)
         cells = _Cells.joined([body.cells for body in bodies]).distinct()
     return [body.gap_at(t, t in lost, times) for body in bodies for t in ways if body.there[t]]
 
@@ -117,8 +120,8 @@ class _Body:
     cells: _Cells = field(default_factory=lambda: _Cells.joined([]))
     open_bounds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def update(self, cells: _Cells, found: Nearest, accuracy: float) -> None:
-        """Take the smallest gaps on cells into account."""
+    def update(self, cells: _Cells, found: Nearest, tolerance: float) -> None:
+        """Take the smallest gaps on cells into account; `tolerance` in m, see `BETWEEN_TOL`."""
         best, least = self.best, body_of(self.solid)[2]
         order = np.argsort(found.gap, kind="stable")
         steps, first = np.unique(cells.steps[order], return_index=True)
@@ -127,8 +130,8 @@ class _Body:
         for name in ("gap", "time", "places"):
             getattr(best, name)[to] = getattr(found, name)[source]
         smallest = best.gap[cells.steps]
-        doubtful = found.bound < np.minimum(least, smallest) - accuracy
-        doubtful &= least - smallest <= accuracy  # else it is too small beyond doubt
+        doubtful = found.bound < least - tolerance
+        doubtful &= least - smallest <= tolerance  # else it is too small beyond doubt
         np.minimum.at(best.bound, cells.steps[~doubtful], found.bound[~doubtful])
         self.cells, self.open_bounds = cells.chosen(doubtful), found.bound[doubtful]
 
@@ -171,35 +174,35 @@ def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
 
 
 def _look(
-    samples: _Samples, bodies: Sequence[_Body], cells: _Cells, middle: np.ndarray, everything: bool
+    samples: _Samples, bodies: Sequence[_Body], cells: _Cells, inner: np.ndarray, everything: bool
 ) -> None:
-    """Look at both halves of cells, given the samples (C,) at half of their time.
+    """Look at the quarters of cells, given the samples (3, C) at their ends.
 
     `everything` : for all bodies, else for those that are in doubt there.
     """
-    accuracy = ACCURACY * samples.motion.trunk.length
-    tubes = [samples.discs(index) for index in (cells.ends[0], middle, cells.ends[1])]
-    error = cell_errors(*tubes)
+    tolerance = BETWEEN_TOL * samples.motion.trunk.length
     known: dict[tuple[str, bytes], Cells] = {}
     for body in bodies:
         chosen = (
             body.there[cells.steps] if everything else np.isin(cells.ends[0], body.cells.ends[0])
         )
         if not np.any(chosen):
+            body.cells, body.open_bounds = cells.chosen(chosen), np.zeros(0)
             continue
-        (first, last), mid = cells.ends[:, chosen], middle[chosen]
-        halves = np.concatenate([[first, mid], [mid, last]], axis=1)
+        instants = np.stack([cells.ends[0], *inner, cells.ends[1]])[:, chosen]
+        quarters = np.concatenate([instants[i : i + 2] for i in range(4)], axis=1)
         key = (_observer(body.solid), chosen.tobytes())
         if key not in known:
-            seen = [samples.seen(index, body.solid) for index in halves]
-            errors = np.concatenate([error[chosen], error[chosen]])
-            known[key] = Cells(samples.times[halves], seen[0], seen[1], errors)
+            seen = [samples.seen(index, body.solid) for index in instants]
+            ends = [samples.seen(index, body.solid) for index in quarters]
+            error = np.tile(error_in_time(seen), (4, 1))
+            known[key] = Cells(samples.times[quarters], ends[0], ends[1], error)
         found = (
             nearest_to_itself(known[key])
             if body.solid is None
             else nearest_to_solid(body.solid, known[key])
         )
-        body.update(_Cells(halves, np.tile(cells.steps[chosen], 2)), found, accuracy)
+        body.update(_Cells(quarters, np.tile(cells.steps[chosen], 4)), found, tolerance)
 
 
 def _observer(solid: Solid | None) -> str:
@@ -234,14 +237,15 @@ class _Samples:
             parts = zip(steps, times, strict=True)
             return [self.add([step], [part])[0] for step, part in parts]
 
-    def middles(self, cells: _Cells) -> np.ndarray:
-        """Sample cells at half of their time; returns indices (C,), -1 without equilibrium."""
+    def inside(self, cells: _Cells) -> np.ndarray:
+        """Sample cells at the ends of their quarters; indices (3, C), -1 without equilibrium."""
         order = np.argsort(cells.steps, kind="stable")
         steps, first = np.unique(cells.steps[order], return_index=True)
-        times = self.times[cells.ends].mean(axis=0)[order]
-        found = self.add(steps.tolist(), np.split(times, first[1:]))
-        index = np.empty(order.size, dtype=int)
-        index[order] = np.concatenate(found)
+        one, other = self.times[cells.ends][:, order]
+        times = (one + (other - one) * np.array([[0.25], [0.5], [0.75]])).T  # (C, 3)
+        found = self.add(steps.tolist(), [part.ravel() for part in np.split(times, first[1:])])
+        index = np.empty((3, order.size), dtype=int)
+        index[:, order] = np.concatenate(found).reshape(-1, 3).T
         return index
 
     def _solve(self, steps: Sequence[int], parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -253,6 +257,10 @@ class _Samples:
         muscles = len(motion.trunk.muscles)
         activation, head = values[:, :muscles], values[:, muscles : muscles + 2]
         shapes = solve_statics(motion.trunk, activation, head, loads, near=self._shape[nearest])
+        if np.any(shapes.defect > MAX_DEFECT):
+            raise StaticsError(
+                "the mesh of the plan does not resolve the shapes between steps", 1.0
+            )
         new = tube(motion.trunk, shapes, self._Z)
         first = self.times.size
         self.times = np.concatenate([self.times, times])
@@ -262,6 +270,8 @@ class _Samples:
             np.concatenate([self._tube.center, new.center]),
             np.concatenate([self._tube.tangent, new.tangent]),
             np.concatenate([self._tube.radius, new.radius]),
+            new.breaks,
+            np.concatenate([self._tube.arc, new.arc]),
         )
         return np.arange(first, self.times.size)
 

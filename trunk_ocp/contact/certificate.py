@@ -8,14 +8,14 @@ Z and t from its bilinear interpolant by at most
 By (*) of `model.solids`, the distance from a convex solid is at least a linear function l(x), whose
 minimum over a bilinear patch is at a corner. So a cell is at least (least of l over the discs at
 its corners) - e away. For two parts of the trunk, l is the difference along the line between them.
-The bounds need no bound on the curvature of solids; sup is taken over the second differences at
-the corners, times `SAFETY`, because the grid only samples them.
+The bounds need no bound on the curvature of solids; sup is taken over second differences at and
+beside the corners, times `SAFETY`, because the grid only samples them. If the body moves, x is seen
+from it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def solid_bounds(
     """Lower bounds (C, P) of the gap between pieces of the trunk and a solid.
 
     instants : the C shapes, or those at the start and the end of each cell.
-    error : (C, n - 1) from `error_along` or `cell_errors`.
+    error : (C, n - 1), e on each piece.
     pieces : (P,), by their first disc.
     """
     corners = [(discs, pieces + end) for discs in instants for end in (0, 1)]
@@ -46,7 +46,7 @@ def pair_bounds(instants: Sequence[Tube], error: np.ndarray, pairs: np.ndarray) 
     """Lower bounds (C, P) of the gap between pairs of pieces of the trunk.
 
     instants : the C shapes, or those at the start and the end of each cell.
-    error : (C, n - 1) from `error_along` or `cell_errors`.
+    error : (C, n - 1), e on each piece.
     pairs : (P, 2), pieces by their first disc.
     """
     pieces = [
@@ -61,7 +61,11 @@ def pair_bounds(instants: Sequence[Tube], error: np.ndarray, pairs: np.ndarray) 
 
 
 def error_along(discs: Tube) -> np.ndarray:
-    """How far surface points between two discs are from the chords of their ends, (H, n - 1)."""
+    """How far surface points between two discs are from the chords of their ends, (H, n - 1).
+
+    Second differences do not reach across breaks. A piece between two breaks, or one that is all
+    of the tube, has none: its error is infinite.
+    """
     center, tangent = (np.diff(values, axis=1) for values in (discs.center, discs.tangent))
     growth, turned = np.abs(np.diff(discs.radius, axis=1)), _norm(tangent)
     spin = np.maximum(turned[:, 1:], turned[:, :-1])
@@ -70,26 +74,32 @@ def error_along(discs: Tube) -> np.ndarray:
         + discs.radius[:, 1:-1] * (_norm(np.diff(tangent, axis=1)) + spin**2)
         + 2 * np.maximum(growth[:, 1:], growth[:, :-1]) * spin
     )
-    bend = np.pad(bend, ((0, 0), (1, 1)), mode="edge")
-    return np.asarray(SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
-
-
-def cell_errors(first: Tube, middle: Tube, last: Tube) -> np.ndarray:
-    """The error e (C, n - 1) on both halves of C cells, given the shapes at half of their time."""
-    tubes = (first, middle, last)
-    along = np.max([error_along(discs) for discs in tubes], axis=0)
-    centers, tangents, radii = (
-        [getattr(discs, name) for discs in tubes] for name in ("center", "tangent", "radius")
+    bend = np.pad(
+        np.where(discs.breaks[1:-1], np.nan, bend), ((0, 0), (1, 1)), constant_values=np.nan
     )
-    spin = np.maximum(*(_norm(b - a) for a, b in pairwise(tangents)))
-    growth = np.maximum(*(np.abs(b - a) for a, b in pairwise(radii)))
+    largest = np.fmax(bend[:, :-1], bend[:, 1:])
+    return np.asarray(SAFETY / 8 * np.where(np.isnan(largest), np.inf, largest))
+
+
+def error_in_time(instants: Sequence[Tube]) -> np.ndarray:
+    """The part of e that is due to time, (C, n - 1), on the quarters of C cells.
+
+    instants : the shapes (C,) at 0, 1/4, 1/2, 3/4 and 1 of the time of each cell, as seen from the
+        body. With five, a second difference that vanishes in the middle is noticed beside it.
+    """
+    centers, tangents, radii = (
+        np.array([getattr(discs, name) for discs in instants])
+        for name in ("center", "tangent", "radius")
+    )
+    spin = _norm(np.diff(tangents, axis=0)).max(axis=0)
+    growth = np.abs(np.diff(radii, axis=0)).max(axis=0)
     bend = (
-        _norm(_second(centers))
-        + middle.radius * (_norm(_second(tangents)) + spin**2)
-        + np.abs(_second(radii))
+        _norm(np.diff(centers, 2, axis=0)).max(axis=0)
+        + radii.max(axis=0) * (_norm(np.diff(tangents, 2, axis=0)).max(axis=0) + spin**2)
+        + np.abs(np.diff(radii, 2, axis=0)).max(axis=0)
         + 2 * growth * spin
     )
-    return np.asarray(along + SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
+    return np.asarray(SAFETY / 8 * np.maximum(bend[:, :-1], bend[:, 1:]))
 
 
 def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np.ndarray:
@@ -97,10 +107,6 @@ def _extent(discs: Tube, index: np.ndarray, normal: np.ndarray, side: int) -> np
     along = dot(normal, discs.tangent[:, index])
     reach = discs.radius[:, index] * np.sqrt(np.maximum(1 - along**2, 0.0))
     return np.asarray(dot(normal, discs.center[:, index]) + side * reach)
-
-
-def _second(values: Sequence[np.ndarray]) -> np.ndarray:
-    return np.asarray(values[0] - 2 * values[1] + values[2])
 
 
 def _norm(vectors: np.ndarray) -> np.ndarray:

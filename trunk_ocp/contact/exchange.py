@@ -21,20 +21,19 @@ from ..model.solids import SELF, Solid
 from ..nlp.gap_rows import GapRow
 from ..problem.motion import Motion
 from ..rod.shape import Shape
-from .gaps import Gap
+from .between import BETWEEN_TOL
+from .gaps import Gap, body_of, section_points
 from .tube import Tube, pair_gaps, seen_by, solid_gaps, tube
 
 GRID = 256
 """Pieces of the trunk between which minima are looked for; a solid's are as fine as 1/512 L."""
 STEP_TOL = 1e-5
 """By how much a gap may be too small at a time step, as a share of the trunk's length."""
-BETWEEN_TOL = 5.5e-5
-"""The same between time steps; 0.096 mm for the elephant."""
 SPACING = 0.05
 """Largest distance of the first rows along a piece of the trunk that is in a solid, over L."""
 BRACKET = 0.015
 """Distance of further rows on both sides of a minimum, over L: it moves as the plan changes."""
-NEAREST = 0.004
+NEAREST = 0.0015
 """Smallest distance of rows of one body along the trunk, over L."""
 OVERSHOOT = 1.2
 """Tightening over what is missing, which saves a plan: other steps move a little, too."""
@@ -66,11 +65,11 @@ class Exchange:
     def add(self, x: np.ndarray, shape: Shape) -> int:
         """Add rows where planned shapes (H,) are too close to a body; returns how many."""
         trunk, before = self.motion.trunk, self.count
-        discs = tube(trunk, shape, np.linspace(0.0, trunk.length, 2 * GRID + 1))
+        discs = tube(trunk, shape, section_points(self.motion))
         seen = {f: seen_by(trunk, discs, f, x[:, -2:]) for f in ("space", "head")}
         there: dict[Solid, list[int]] = {}
-        for t, step in enumerate(self.motion.steps[: len(x)]):
-            for solid in step.solids:
+        for t in range(len(x)):
+            for solid in solids_at(self.motion, t):
                 if self.asks(solid.group):
                     there.setdefault(solid, []).append(t)
         for solid, steps in there.items():
@@ -81,27 +80,34 @@ class Exchange:
             self._add_pairs(t, discs[t : t + 1].part(slice(None, None, 2)))
         return self.count - before
 
-    def tighten(self, gaps: Sequence[Gap]) -> int:
-        """Ask for larger gaps around each way on which a gap is too small; returns on how many."""
+    def tighten(self, gaps: Sequence[Gap]) -> list[int]:
+        """Ask for larger gaps around each way on which a gap is too small.
+
+        Returns the time steps (from 0) that these ways lead to.
+        """
         tol = BETWEEN_TOL * self.motion.trunk.length
-        small = [gap for gap in gaps if self.asks(gap.group) and gap.least - gap.bound > tol]
-        for gap in small:
-            missing = gap.depth if gap.depth > tol else gap.least - gap.bound
-            for t in (gap.step - 1, gap.step):
-                if t >= 0:
-                    key = (t, gap.body)
-                    self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * missing
-                    self._add_at(t, gap)
+        missing: dict[tuple[int, str], float] = {}
+        ways = set()
+        for gap in gaps:
+            short = gap.depth if gap.depth > tol else gap.least - gap.bound
+            if not (self.asks(gap.group) and short > tol and np.isfinite(short)):
+                continue  # where nothing is known, larger gaps are no cure
+            ways.add(gap.step)
+            for t in {max(gap.step - 1, 0), gap.step}:
+                missing[t, gap.body] = max(missing.get((t, gap.body), 0.0), short)
+                self._add_at(t, gap)
+        for key, short in missing.items():
+            self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * short
         for t, rows in self.rows.items():
             self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)
-        return len(small)
+        return sorted(ways)
 
     def asks(self, group: str) -> bool:
         """Whether the motion asks to keep clear of the bodies of a group."""
         return group in self.motion.contact
 
     def _least(self, t: int, solid: Solid | None) -> float:
-        body, clearance = (SELF, 0.0) if solid is None else (solid.name, solid.clearance)
+        body, _, clearance = body_of(solid)
         return clearance + self.extra.get((t, body), 0.0)
 
     def _row(self, t: int, Z: float, solid: Solid | None, other: float | None) -> GapRow:
@@ -109,7 +115,7 @@ class Exchange:
 
     def _add_at(self, t: int, gap: Gap) -> None:
         """Add a row of a step at the place of a gap beside it."""
-        solids = {solid.name: solid for solid in self.motion.steps[t].solids}
+        solids = {solid.name: solid for solid in solids_at(self.motion, t)}
         if gap.body == SELF:
             self._append(t, [self._row(t, gap.Z, None, gap.other)])
         elif gap.body in solids:
@@ -155,6 +161,15 @@ class Exchange:
                 known.append(row)
         if known:
             self.rows[t] = tuple(known)
+
+
+def solids_at(motion: Motion, t: int) -> tuple[Solid, ...]:
+    """Solids that a time step has to keep clear of: its own, and those of the way to the next."""
+    own = motion.steps[t].solids
+    if t + 1 == len(motion.steps):
+        return own
+    names = {solid.name for solid in own}
+    return (*own, *(s for s in motion.steps[t + 1].solids if s.name not in names))
 
 
 def rows_for(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +18,8 @@ SECTIONS = 512
 """Pieces of the trunk; also the finest of those that are compared with each other."""
 STRIDES = (16, 8, 4, 2, 1)
 """Sections to a piece, from coarse to fine."""
+FAR_ENDS = np.array([0, 1])
+"""From the first discs of a pair of pieces to those that are farthest apart."""
 ACCURACY, FAR_ACCURACY = 3e-5, 0.05
 """Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of gaps from bodies
 far away, as a share of the gap."""
@@ -64,20 +67,20 @@ class Gap:
 class Cells:
     """C pieces of time, with the shapes at their ends and the errors between them.
 
-    times (2, C) in s; error (C, n - 1) from `certificate`. At instants both ends are the same.
+    times (2, C) in s; error (C, n - 1) from `error_in_time`. At instants both ends are the same.
     """
 
     times: np.ndarray
     first: Tube
     last: Tube
     error: np.ndarray
-    _parts: dict[tuple[int, int], Cells] = field(default_factory=dict, repr=False)
     _levels: dict[int, tuple[list[Tube], np.ndarray]] = field(default_factory=dict, repr=False)
 
     @staticmethod
     def instants(discs: Tube, times: np.ndarray) -> Cells:
         """Shapes at instants, as cells of no duration."""
-        return Cells(np.stack([times, times]), discs, discs, error_along(discs))
+        none = np.zeros((len(times), len(discs.Z) - 1))
+        return Cells(np.stack([times, times]), discs, discs, none)
 
     def chosen(self, index: np.ndarray) -> Cells:
         """Some of the cells."""
@@ -85,31 +88,18 @@ class Cells:
         last = first if self.last is self.first else self.last[index]
         return Cells(self.times[:, index], first, last, self.error[index])
 
-    def part(self, start: int, stop: int) -> Cells:
-        """Some neighboring discs of the same cells; kept, as many solids ask for the same."""
-        if (key := (start, stop)) not in self._parts:
-            discs = slice(start, stop)
-            first = self.first.part(discs)
-            last = first if self.last is self.first else self.last.part(discs)
-            self._parts[key] = Cells(self.times, first, last, self.error[:, start : stop - 1])
-        return self._parts[key]
-
     def level(self, stride: int) -> tuple[list[Tube], np.ndarray]:
-        """Every so many discs, and the errors (C, P) between them; kept, too.
+        """Every so many discs, and the errors (C, P) between them; kept, as many bodies ask for it.
 
         The error in time of a long piece is at most the largest of its parts.
         """
         if stride not in self._levels:
-            last = len(self.first.Z) - 1
-            grid = np.minimum(np.arange(-(-last // stride) + 1) * stride, last)
-            tubes = [discs.part(grid) for discs in self.tubes]
-            errors = np.maximum.reduceat(self.error, grid[:-1], axis=1)
-            if grid.size > 2:
-                along = np.max([error_along(discs) for discs in tubes], axis=0)
-                errors = along + errors if len(tubes) == 2 else along
-            elif last > 1:  # one long piece says nothing about how it bends
-                errors = np.full_like(errors, np.inf)
-            self._levels[stride] = (tubes, errors)
+            tubes = [discs.part(slice(None, None, stride)) for discs in self.tubes]
+            along = np.max([error_along(discs) for discs in tubes], axis=0)
+            starts = np.arange(0, self.error.shape[1], stride)
+            self._levels[stride] = (
+                tubes, along + np.maximum.reduceat(self.error, starts, axis=1)
+            )  # fmt: skip
         return self._levels[stride]
 
     @property
@@ -180,8 +170,17 @@ def _gaps(
 
 
 def section_points(motion: Motion) -> np.ndarray:
-    """Points (n,) in m at which the trunk is looked at."""
-    return np.linspace(0.0, motion.trunk.length, SECTIONS + 1)
+    """Points (n,) in m at which the trunk is looked at: at equal distances within each segment.
+
+    The numbers of pieces are multiples of the coarsest stride, so that no piece has a jump of the
+    curvature inside.
+    """
+    edges, L = motion.trunk.edges, motion.trunk.length
+    parts = [
+        np.linspace(a, b, STRIDES[0] * max(round((b - a) / L * SECTIONS / STRIDES[0]), 1) + 1)
+        for a, b in pairwise(edges)
+    ]
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,45 +211,51 @@ def body_of(solid: Solid | None) -> tuple[str, str, float]:
 
 
 def nearest_to_solid(solid: Solid, cells: Cells) -> Nearest:
-    """The smallest gaps on cells whose shapes are seen from the solid."""
-    Z = cells.first.Z
-    low = int(np.searchsorted(Z, solid.Z[0]))
-    high = int(np.searchsorted(Z, solid.Z[1], side="right")) - 1
-    if high <= low:  # a part with one disc or none: the piece around it
-        low = min(max(high, 0), len(Z) - 2)
-        high = low + 1
+    """The smallest gaps on cells whose shapes are seen from the solid.
 
-    def at_discs(discs: Tube, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    Bounds are those of all pieces that the solid's part of the trunk reaches into.
+    """
+    low, high = solid.Z
+    Z = cells.first.Z
+    counts = (low <= Z) & (high >= Z)
+    counts[np.abs(Z - min(low, Z[-1])).argmin()] |= not np.any(counts)  # a very short part
+
+    def at_discs(discs: Tube, pieces: np.ndarray, stride: int) -> tuple[np.ndarray, np.ndarray]:
         ends = np.unique([pieces, pieces + 1])
-        return solid_gaps(discs.part(ends), solid), discs.Z[ends, None]
+        gaps = solid_gaps(discs.part(ends), solid)
+        return np.where(counts[::stride][ends], gaps, np.inf), discs.Z[ends, None]
 
     def bounds(instants: list[Tube], error: np.ndarray, pieces: np.ndarray) -> np.ndarray:
         return solid_bounds(instants, error, pieces, solid)
 
-    def divide(pieces: np.ndarray, ratio: int) -> np.ndarray:
-        return (ratio * pieces[:, None] + np.arange(ratio)).ravel()
+    def divide(pieces: np.ndarray, ratio: int, stride: int) -> np.ndarray:
+        parts = (ratio * pieces[:, None] + np.arange(ratio)).ravel()
+        ends = Z[::stride]
+        return parts[(ends[parts + 1] >= low) & (ends[parts] <= high)]
 
-    return _Search(cells.part(low, high + 1), at_discs, bounds, divide).run(np.arange)
+    return _Search(cells, at_discs, bounds, divide).run(
+        divide(np.arange((len(Z) - 1) // STRIDES[0]), 1, STRIDES[0])
+    )
 
 
 def nearest_to_itself(cells: Cells) -> Nearest:
     """The trunk's smallest gaps to itself on cells."""
 
-    def at_discs(discs: Tube, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at_discs(discs: Tube, pairs: np.ndarray, stride: int) -> tuple[np.ndarray, np.ndarray]:
         return pair_gaps(discs, pairs), discs.Z[pairs]
 
     def bounds(instants: list[Tube], error: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        touching = np.any([apart(discs, pairs + LATER_END) for discs in instants], axis=0)
+        touching = np.any([apart(discs, pairs + FAR_ENDS) for discs in instants], axis=0)
         return np.where(touching, pair_bounds(instants, error, pairs), np.inf)
 
-    def divide(pairs: np.ndarray, ratio: int) -> np.ndarray:
+    def divide(pairs: np.ndarray, ratio: int, stride: int) -> np.ndarray:
         parts = np.stack(np.meshgrid(*2 * [np.arange(ratio)], indexing="ij"), -1).reshape(-1, 2)
-        return (ratio * pairs[:, None] + parts).reshape(-1, 2)
+        divided = (ratio * pairs[:, None] + parts).reshape(-1, 2)
+        return divided[divided[:, 0] <= divided[:, 1]]
 
-    def pairs_of(count: int) -> np.ndarray:
-        return np.stack(np.triu_indices(count, 1), axis=-1)
-
-    return _Search(cells, at_discs, bounds, divide).run(pairs_of)
+    count = (len(cells.first.Z) - 1) // STRIDES[0]
+    pairs = np.stack(np.triu_indices(count), axis=-1)
+    return _Search(cells, at_discs, bounds, divide).run(pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,17 +272,17 @@ class _Search:
     bounds : callable
         Lower bounds (C, P) of pieces, given the shapes at the ends of cells and the errors.
     divide : callable
-        The parts of pieces, given how many there are along the trunk.
+        The parts of pieces that count, given how many there are to a piece, and the new stride.
     """
 
     cells: Cells
-    at_discs: Callable[[Tube, np.ndarray], tuple[np.ndarray, np.ndarray]]
+    at_discs: Callable[[Tube, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
     bounds: Callable[[list[Tube], np.ndarray, np.ndarray], np.ndarray]
-    divide: Callable[[np.ndarray, int], np.ndarray]
+    divide: Callable[[np.ndarray, int, int], np.ndarray]
 
-    def run(self, pieces_of: Callable[[int], np.ndarray]) -> Nearest:
-        """The smallest gap on each cell, starting from all pieces of a number of them."""
-        cells, last = self.cells, len(self.cells.first.Z) - 1
+    def run(self, pieces: np.ndarray) -> Nearest:
+        """The smallest gap on each cell, starting from the coarsest pieces."""
+        cells = self.cells
         accuracy, count = ACCURACY * cells.first.Z[-1], cells.times.shape[1]
         best = Nearest(
             np.full(count, np.inf),
@@ -285,33 +290,32 @@ class _Search:
             np.full((count, 2), np.nan),
             np.full(count, np.inf),
         )
-        pieces = pieces_of(-(-last // STRIDES[0]))
         for stride, finer in zip(STRIDES, (*STRIDES[1:], 0), strict=True):
             tubes, errors = cells.level(stride)
             for k, discs in enumerate(tubes):
-                self._closer(discs, pieces, cells.times[k], best)
+                self._closer(discs, pieces, cells.times[k], stride, best)
             bounds = self.bounds(tubes, errors, pieces)
-            tolerance = np.maximum(accuracy, FAR_ACCURACY * best.gap)
+            known = np.where(np.isfinite(best.gap), best.gap, 0.0)
+            tolerance = np.maximum(accuracy, FAR_ACCURACY * known)
             unsettled = bounds < (best.gap - tolerance)[:, None]
             if not finer:
                 unsettled[:] = False
-            np.minimum(best.bound, np.where(unsettled, np.inf, bounds).min(axis=1), out=best.bound)
+            settled = np.where(unsettled, np.inf, bounds).min(axis=1, initial=np.inf)
+            np.minimum(best.bound, settled, out=best.bound)
             pieces = pieces[np.any(unsettled, axis=0)]
             if not len(pieces):
                 break
-            parts = self.divide(pieces, stride // finer)
-            pieces = parts[np.all(np.reshape(parts, (len(parts), -1)) * finer < last, axis=1)]
+            pieces = self.divide(pieces, stride // finer, finer)
         np.minimum(best.bound, best.gap, out=best.bound)
         return best
 
-    def _closer(self, discs: Tube, pieces: np.ndarray, times: np.ndarray, best: Nearest) -> None:
+    def _closer(
+        self, discs: Tube, pieces: np.ndarray, times: np.ndarray, stride: int, best: Nearest
+    ) -> None:
         """Update the smallest gaps, and when and where they are."""
-        gaps, places = self.at_discs(discs, pieces)
+        gaps, places = self.at_discs(discs, pieces, stride)
         nearest = gaps.argmin(axis=1)
         value = gaps[np.arange(len(gaps)), nearest]
         closer = value < best.gap
         best.gap[closer], best.time[closer] = value[closer], times[closer]
         best.places[closer, : places.shape[1]] = places[nearest[closer]]
-
-
-LATER_END = np.array([0, 1])  # the discs of a pair of pieces that are farthest apart

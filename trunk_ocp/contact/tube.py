@@ -27,23 +27,44 @@ from ..rod.volume import section_scale
 class Tube:
     """Discs at n points Z (n,) in m, in H shapes.
 
-    center (H, n, 3) in m; tangent (H, n, 3), unit; radius (H, n) in m.
+    Attributes
+    ----------
+    Z : (n,)
+        In m, at equal distances between two breaks.
+    center, tangent : (H, n, 3)
+        In m, and unit vectors.
+    radius : (H, n)
+        In m.
+    breaks : (n,) bool
+        Where the curvature jumps, as at the ends of muscles; by default nowhere.
+    arc : (H, n)
+        Length of the centerline from the first disc, in m; by default that of the chords.
     """
 
     Z: np.ndarray
     center: np.ndarray
     tangent: np.ndarray
     radius: np.ndarray
+    breaks: np.ndarray = None  # type: ignore[assignment]  # set below
+    arc: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.breaks is None:
+            object.__setattr__(self, "breaks", np.zeros(len(self.Z), dtype=bool))
+        if self.arc is None:
+            chords = np.diff(self.center, axis=1)
+            lengths = np.cumsum(np.sqrt(dot(chords, chords)), axis=1)
+            object.__setattr__(self, "arc", np.pad(lengths, ((0, 0), (1, 0))))
 
     def __getitem__(self, index: slice | np.ndarray) -> Tube:
         """Some of the shapes."""
-        return Tube(self.Z, self.center[index], self.tangent[index], self.radius[index])
+        shapes = (self.center[index], self.tangent[index], self.radius[index])
+        return Tube(self.Z, *shapes, self.breaks, self.arc[index])
 
     def part(self, chosen: slice | np.ndarray) -> Tube:
         """Some of the discs."""
-        return Tube(
-            self.Z[chosen], self.center[:, chosen], self.tangent[:, chosen], self.radius[:, chosen]
-        )
+        discs = (self.center[:, chosen], self.tangent[:, chosen], self.radius[:, chosen])
+        return Tube(self.Z[chosen], *discs, self.breaks[chosen], self.arc[:, chosen])
 
     def reach(self, along: np.ndarray) -> np.ndarray:
         """How far each disc reaches (H, n), given the cosine (H, n) of a vector with d_3."""
@@ -62,7 +83,7 @@ def tube(trunk: Trunk, shape: Shape, Z: np.ndarray) -> Tube:
     tangent = director_rows(q)[..., 2, :]
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
     radius = section_scale(trunk, shape)[:, None] * trunk.radius(Z)
-    return Tube(Z, shape.position(Z), tangent, radius)
+    return Tube(Z, shape.position(Z), tangent, radius, np.isin(Z, trunk.edges))
 
 
 def seen_by(trunk: Trunk, discs: Tube, frame: str, head: np.ndarray) -> Tube:
@@ -71,7 +92,8 @@ def seen_by(trunk: Trunk, discs: Tube, frame: str, head: np.ndarray) -> Tube:
         return discs
     rotation = turn(head)
     center = in_head_frame(trunk, discs.center, head)
-    return Tube(discs.Z, center, discs.tangent @ np.swapaxes(rotation, -1, -2), discs.radius)
+    tangent = discs.tangent @ np.swapaxes(rotation, -1, -2)
+    return Tube(discs.Z, center, tangent, discs.radius, discs.breaks, discs.arc)
 
 
 def solid_gaps(discs: Tube, solid: Solid) -> np.ndarray:
@@ -100,10 +122,8 @@ def pair_gaps(discs: Tube, pairs: np.ndarray) -> np.ndarray:
 def apart(discs: Tube, pairs: np.ndarray) -> np.ndarray:
     """Which pairs (H, P) of discs are at least half a circle apart, see `pair_gaps`."""
     one, other = pairs.T
-    steps = np.linalg.norm(np.diff(discs.center, axis=1), axis=-1)
-    arc = np.concatenate([np.zeros((len(steps), 1)), np.cumsum(steps, axis=1)], axis=1)
     half_circle = np.pi * (discs.radius[:, one] + discs.radius[:, other]) / 2
-    return np.asarray(np.abs(arc[:, one] - arc[:, other]) >= half_circle)
+    return np.asarray(np.abs(discs.arc[:, one] - discs.arc[:, other]) >= half_circle)
 
 
 def creases(discs: Tube) -> np.ndarray:
