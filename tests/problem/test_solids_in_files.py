@@ -51,6 +51,16 @@ def test_a_fault_of_the_head_is_named(tmp_path, old, new, message):
         load_anatomy(path)
 
 
+@pytest.mark.parametrize("name", ["itself", "log", "trunk base"])
+def test_parts_of_the_head_have_names_of_their_own(tmp_path, name):
+    path = tmp_path / "other.toml"
+    second = f'[[head.body]]\nname = "{name}"\nshape = "sphere"\ncenter = [0, 0, 1]\nradius = 0.1\n'
+    first = second.replace(name, "trunk base")
+    path.write_text(ELEPHANT + first + second)
+    with pytest.raises(InputError, match=rf"{name} is the name of another solid"):
+        load_anatomy(path)
+
+
 def test_an_obstacle_needs_a_name_that_no_part_of_the_head_has(tmp_path):
     text = TOUCH + BALL.replace('"ball"', '"skull"')
     with pytest.raises(InputError, match=r'obstacles\[1\]\.name = "skull": .*another solid'):

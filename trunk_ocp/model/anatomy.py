@@ -30,7 +30,7 @@ from .._support.toml_files import (
     shipped,
 )
 from ..errors import InputError
-from .solid_specs import MAX_SOLIDS, MouthSpec, SolidSpec
+from .solid_specs import MAX_SOLIDS, RESERVED_NAMES, MouthSpec, SolidSpec
 
 Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
@@ -141,6 +141,9 @@ class AnatomySpec(Strict):
     def _consistent(self) -> AnatomySpec:
         if self.base_radius_over_length <= math.tan(math.radians(self.taper_deg)):
             raise ValueError("taper_deg is so large that the radius reaches 0 before the tip")
+        names = [*RESERVED_NAMES, *(solid.name for solid in self.head.body)]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"head.body: {twice[0]} is the name of another solid")
         edge = 0.0
         for number, segment in enumerate(self.segments, 1):
             start, end = segment.Z_over_length

@@ -26,6 +26,8 @@ KEYS: dict[str, tuple[str, ...]] = {
     "ellipsoid": ("center", "half_axes"),
 }
 """Keys that a solid needs; no other solid may have them."""
+RESERVED_NAMES = ("itself", "log")
+"""What messages and saved plans call the trunk and the log; no other solid has these names."""
 ROTATION = "rotation_deg"
 ROTATED = ("box", "ellipsoid")
 
