@@ -270,7 +270,7 @@ def effects(responses: tuple[Response, ...], length: float, most: int = MAX_EFFE
         unit = " deg" if "psi" in response.name else " mm" if "clearance" in response.name else ""
         sentences[response.name] = (
             f"{response.name} ({step_list(response.steps)}), {response.value + 0.0:.4g}{unit} "
-            f"moved by {response.moved:+.2g}: the worst point comes {_way(response.worst)}, "
+            f"moved by {response.moved:+.2g}{unit}: the worst point comes {_way(response.worst)}, "
             f"the mean distance {_way(response.mean)}"
         )
     return [*sentences.values()][:most]

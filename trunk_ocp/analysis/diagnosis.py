@@ -271,8 +271,8 @@ def _colliding(plan: Plan) -> Finding:
         "failure",
         "the trunk collides with what it has to avoid",
         tuple(plan.collisions),
-        "Give the phase more time steps, so that more shapes on the way can be chosen; or more "
-        "room, or other starts (--starts 4).",
+        "Show the way around: add a phase before it with a target there, or give the phase more "
+        "time steps (steps, free_steps).",
     )
 
 
@@ -290,8 +290,7 @@ def _in_the_way(plan: Plan) -> Iterator[Finding]:
         details = tuple(
             f"{name}: in contact at {step_list(sorted(steps))}" for name, steps in touched.items()
         )
-        advice = "See what a little less clearance would gain: trunk-ocp explain."
-        yield Finding("failure", "bodies are in the way", details, advice)
+        yield Finding("failure", "bodies are in the way", details, "Move them or the targets.")
 
 
 def _missed(plan: Plan) -> Finding:

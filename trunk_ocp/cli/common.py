@@ -90,5 +90,6 @@ def print_outcome(console: Console, plan: Plan) -> None:
         print_plain(console, f"  {note}")
     if (gap := plan.clearance.min) is not None:
         body = "itself" if gap.group == "self" else f"the {gap.body}"
+        asked = f" ({1e3 * gap.least:g} mm asked)" if gap.least > 0 else ""
         where = f"at Z = {gap.Z:.2f} m and {gap.time:.3g} s"
-        print_plain(console, f"  smallest gap: {1e3 * gap.gap:.3g} mm to {body}, {where}")
+        print_plain(console, f"  smallest gap: {1e3 * gap.gap:.3g} mm to {body}{asked}, {where}")

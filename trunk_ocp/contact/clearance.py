@@ -7,7 +7,7 @@ The check shares no code with the rows of the NLP: it works on sampled shapes, w
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ COLLISION_TOL = 5.7e-5
 """By how much a gap may be too small, as a share of the trunk's length; 0.1 mm for the elephant."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Clearance:
     """Gaps between a planned trunk and every body.
 
@@ -37,11 +37,15 @@ class Clearance:
     length: float
     bend: Bend | None = None
 
+    def __repr__(self) -> str:
+        worst = self.min
+        nearest = "" if worst is None else f", {worst.gap:.4g} m from {worst.body} at the least"
+        return f"<Clearance of {len(self.at_steps)} gaps at steps{nearest}>"
+
     @property
     def min(self) -> Gap | None:
-        """The smallest gap of all; None for a plan without steps."""
-        gaps = [gap for gap in self.all if not np.isnan(gap.gap)]
-        return min(gaps, key=lambda gap: gap.gap, default=None)
+        """The smallest gap of all, with the lowest bound of all; None for a plan without steps."""
+        return _smallest(self.all)
 
     @property
     def all(self) -> tuple[Gap, ...]:
@@ -49,8 +53,8 @@ class Clearance:
         return (*self.at_steps, *self.between)
 
     def of_step(self, step: int) -> Gap | None:
-        """The smallest gap at a time step (from 0)."""
-        return min((gap for gap in self.at_steps if gap.step == step), key=lambda gap: gap.gap)
+        """The smallest gap at a time step (from 0) and on the way to it, as `min`."""
+        return _smallest([gap for gap in self.all if gap.step == step])
 
     def sentences(self, groups: Collection[str]) -> list[str]:
         """Bodies of some groups that the trunk is too close to, a sentence each.
@@ -81,25 +85,35 @@ class Clearance:
         return found
 
 
+def _smallest(gaps: Sequence[Gap]) -> Gap | None:
+    known = [gap for gap in gaps if not np.isnan(gap.gap)]
+    if not known:
+        return None
+    return replace(min(known, key=lambda gap: gap.gap), bound=min(gap.bound for gap in gaps))
+
+
 def _sentence(small: Sequence[Gap], tol: float) -> str:
     """What is wrong with gaps to one body that are too small."""
-    known = [gap for gap in small if not np.isnan(gap.gap)]
+    body = "itself" if small[0].group == "self" else f"the {small[0].body}"
+    unknown = sorted({gap.step + 1 for gap in small if np.isnan(gap.gap)})
+    if unknown:
+        return (
+            f"the trunk has no equilibrium on the way to {step_list(unknown)}, or none that the "
+            f"plan's mesh resolves, so its distance from {body} is unknown there"
+        )
     steps = step_list(sorted({gap.step + 1 for gap in small}))
-    if not known:
-        return (
-            f"the trunk has no equilibrium on the way to {steps}, so its distance from "
-            f"{small[0].body} is unknown there"
-        )
-    worst = max(known, key=lambda gap: gap.depth)
-    body = "itself" if worst.group == "self" else f"the {worst.body}"
-    at = f"at Z = {worst.Z:.2f} m" + (f" and {worst.other:.2f} m" if worst.other > 0 else "")
-    when = f"worst at {worst.time:.3g} s, {steps}"
+    worst = max(small, key=lambda gap: (gap.depth > tol, gap.depth, gap.least - gap.bound))
     if worst.depth <= tol:
-        return (
-            f"the trunk may be {1e3 * (worst.least - worst.bound):.2g} mm too close to {body} {at}"
-        )
+        worst = max(small, key=lambda gap: gap.least - gap.bound)
+    at = f"at Z = {worst.Z:.2f} m" + (f" and {worst.other:.2f} m" if worst.other > 0 else "")
+    at_rest = " at rest," if worst.time == 0 else ""
+    when = f"worst{at_rest} at {worst.time:.3g} s; at or before {steps}"
+    if worst.depth <= tol:
+        missing = 1e3 * (worst.least - worst.bound)
+        return f"the trunk may be {missing:.2g} mm too close to {body} {at} ({when})"
     if worst.gap < 0:
-        return f"the trunk enters {body} by {-1e3 * worst.gap:.3g} mm {at} ({when})"
+        asked = f", {1e3 * worst.least:g} mm clear of it are asked for" if worst.least > 0 else ""
+        return f"the trunk enters {body} by {-1e3 * worst.gap:.3g} mm {at} ({when}{asked})"
     return (
         f"the trunk is {1e3 * worst.gap:.3g} mm from {body} {at}, {1e3 * worst.least:g} mm are "
         f"asked for ({when})"

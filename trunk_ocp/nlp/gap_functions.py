@@ -10,9 +10,9 @@ to d_3, as at a minimum of the gap along the trunk, and for a flat surface. For 
 projection on the line between their centers gives such a bound. Gaps in contact are therefore
 exact, and those at the edge of the tip on the safe side.
 
-Lengths are in units of L. All functions have continuous first derivatives outside the solids. The
-second derivatives of the distance from a box, a capsule and a cylinder jump where the nearest
-point passes an edge or an end; Ipopt needs them for fast convergence only, and the motions tried
+Lengths are in units of L. The normals of a box, a capsule and a cylinder turn without a jump, but
+their derivatives jump where the nearest point passes an edge or an end. So does the first
+derivative of a gap there, unless n is perpendicular to d_3, as in contact; the motions tried
 converged as fast as with spheres.
 """
 

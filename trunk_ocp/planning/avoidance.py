@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._support.wording import step_list
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
-from ..contact.obstructions import stuck_at_rest
+from ..contact.obstructions import obstructions, stuck_at_rest
+from ..errors import InputError
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
@@ -24,6 +26,8 @@ MAX_INSERTIONS = 2
 DETOUR, LEAST_ACTIVATION, LEAST_TURN = 2.0, 0.1, 0.05
 """Largest change on the way to a time step, over that of the plan without detour; and what is
 allowed at least: activation, and rad of a head angle."""
+MAX_TIGHTENINGS = 8
+"""How often gaps are widened."""
 MAX_TIGHTENING = 5e-3
 """Collision between time steps that larger gaps at the steps may cure, over the trunk's length;
 9 mm for the elephant. A deeper one needs more time steps."""
@@ -38,10 +42,11 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     """
     exchange = Exchange(run.motion, dict(run.gaps))
     stuck = {gap.body for gap in stuck_at_rest(run.motion)}
-    for insertions in range(MAX_INSERTIONS + 1):
+    most = 0 if obstructions(run.motion) else MAX_INSERTIONS
+    for insertions in range(most + 1):
         plan, deep = _exchanged(plan, run, exchange, stuck)
-        motion = _refined(plan, deep)
-        if insertions == MAX_INSERTIONS or motion is None:
+        motion = _refined(plan, deep) if run.mode == "horizon" and insertions < most else None
+        if motion is None:
             break
         before, count = len(run.motion.steps), len(motion.steps)
         run.optimizer.reporter.note(
@@ -49,9 +54,12 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         )
         exchange = Exchange(motion)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
-        again = replace(run, start=None, checkpoint=None)
+        again = replace(run, start=None, checkpoint=None, gaps={})
         run = replace(again, motion=motion, lookahead=count, guess=guess)
-        plan = run.run()
+        finer = run.run()
+        if not finer.converged and not finer.cut_short:
+            return _with_reason(plan, run, f"no plan with {count} time steps was found")
+        plan = finer
     return plan
 
 
@@ -64,7 +72,7 @@ def _exchanged(
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit = MAX_TIGHTENING * run.motion.trunk.length
-    clear_at_steps: Plan | None = None
+    clear_at_steps, tightenings = None, 0
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
@@ -73,11 +81,14 @@ def _exchanged(
         else:
             between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
-            if deep and run.mode == "horizon":
+            if deep:
                 return plan, deep
-            if ways := exchange.tighten(between):
+            tightenings += 1
+            ways = exchange.tighten(between) if tightenings <= MAX_TIGHTENINGS else []
+            if ways:
                 clear_at_steps = clear_at_steps or plan
-                reporter.note(f"Planning again with wider gaps, for the way to {ways} time steps.")
+                steps = step_list([step + 1 for step in ways])
+                reporter.note(f"Planning again with wider gaps, to keep clear before {steps}.")
             elif plan.verification.too_coarse and refinements < REFINEMENTS:
                 refinements += 1
                 mesh = finer_mesh(run.motion, mesh)
@@ -87,17 +98,17 @@ def _exchanged(
         next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
         again = replace(next_run, guess=plan.x).run()
         if clear_at_steps is not None and not again.converged and not again.cut_short:
-            return _not_tightened(clear_at_steps, run), []
+            wanted = "no plan was found with wider gaps, to keep clear between time steps"
+            return _with_reason(clear_at_steps, run, wanted), []
         plan = again
     return plan, []
 
 
-def _not_tightened(plan: Plan, run: PlanningRun) -> Plan:
-    """The plan before gaps were widened, which collides between time steps, with a note why."""
+def _with_reason(plan: Plan, run: PlanningRun, failure: str) -> Plan:
+    """A plan that collides between time steps, with a note why the attempt after it failed."""
     violated = next((s.violations for s in reversed(run.optimizer.solves) if s.violations), ())
     reason = f": {violated[0]}" if violated else ""
-    note = f"no plan was found with wider gaps, to keep clear between time steps{reason}"
-    return plan.with_record(notes=(*plan.notes, note))
+    return plan.with_record(notes=(*plan.notes, failure + reason))
 
 
 def _refined(plan: Plan, deep: Sequence[Gap]) -> Motion | None:
@@ -118,4 +129,7 @@ def _refined(plan: Plan, deep: Sequence[Gap]) -> Motion | None:
         least = (LEAST_ACTIVATION, LEAST_TURN, LEAST_TURN)
         changes[phase] = tuple(max(DETOUR * a, b) for a, b in zip(widest, least, strict=True))
     spec = refined_spec(motion.spec, changes)
-    return None if spec is None else motion.with_spec(spec)
+    try:
+        return None if spec is None else motion.with_spec(spec)
+    except InputError:
+        return None

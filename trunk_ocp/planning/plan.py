@@ -13,7 +13,7 @@ import numpy as np
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
-from ..contact.gaps import gaps_at_steps, sharpest_bend
+from ..contact.gaps import Gap, gaps_at_steps, sharpest_bend
 from ..contact.obstructions import obstructions
 from ..errors import TrunkError
 from ..model.loads import Loads
@@ -220,13 +220,15 @@ class Plan:
         between = gaps_between_steps(
             self.motion, self.x, self.loads, self.shape, precise=bool(self.motion.contact)
         )
-        off = self.verification.position_difference
+        at_steps = gaps_at_steps(self.motion, self.x, self.shape)
+        off = np.append(self.verification.position_difference, 0.0)  # the last stands for rest
+
+        def surely(gap: Gap, *steps: int) -> Gap:
+            return replace(gap, bound=gap.bound - float(off[list(steps)].max()))
+
         return Clearance(
-            tuple(
-                replace(gap, bound=gap.bound - float(off[gap.step]))
-                for gap in gaps_at_steps(self.motion, self.x, self.shape)
-            ),
-            tuple(between),
+            tuple(surely(gap, gap.step) for gap in at_steps),
+            tuple(surely(gap, gap.step - 1, gap.step) for gap in between),
             self.motion.trunk.length,
             sharpest_bend(self.motion, self.shape),
         )

@@ -99,6 +99,8 @@ def plan_motion(
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
+    for sentence in obstructions(motion):
+        reporter.note(f"Note: {sentence}.")
     given = start  # its iterations and seconds are counted as well
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
@@ -127,7 +129,7 @@ def plan_motion(
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *obstructions(motion), *plan.doubts),
+        notes=(*plan.notes, *obstructions(plan.motion), *plan.doubts),
     )
     return plan.checked() if throw else plan
 

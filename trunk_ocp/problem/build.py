@@ -246,13 +246,14 @@ def _ramped(
         vector(np.subtract(load.tip_force, part.tip_force))
         for load, part in ((before, spec_before), (loads, spec))
     ]
-    contact_from = loads.contact_from
+    contact_from, lever = loads.contact_from, loads.contact_lever
     if contact_from is None and not jump.contact:
-        contact_from = before.contact_from
+        contact_from, lever = before.contact_from, before.contact_lever
     return replace(
         loads,
         tip_force=vector(force + blend(masses[0], masses[1], jump.tip_mass)),
         contact_from=contact_from,
+        contact_lever=lever,
         contact_force=vector(blend(before.contact_force, loads.contact_force, jump.contact)),
         contact_couple=vector(blend(before.contact_couple, loads.contact_couple, jump.contact)),
     )
