@@ -35,7 +35,7 @@ BRACKET = 0.015
 """Distance of further rows on both sides of a minimum, over L: it moves as the plan changes."""
 NEAREST = 0.0015
 """Smallest distance of rows of one body along the trunk, over L."""
-OVERSHOOT = 1.2
+OVERSHOOT = 1.5
 """Tightening over what is missing, which saves a plan: other steps move a little, too."""
 MAX_PAIRS = 6
 """Pairs of sections that become rows of a time step in one exchange, the deepest ones."""

@@ -79,7 +79,7 @@ def _exchanged(
         if exchange.add(plan.x, plan.shape):
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         else:
-            between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
+            between = [g for g in plan.gaps_between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep:
                 return plan, deep

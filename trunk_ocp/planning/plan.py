@@ -211,15 +211,20 @@ class Plan:
         return buckling_margin(self.shape, self.activations, self.loads)
 
     @cached_property
+    def gaps_between(self) -> tuple[Gap, ...]:
+        """Gaps on the way to each time step, to every solid and itself; see `clearance`.
+
+        Lower bounds are accurate if the motion asks for contact, and rough otherwise.
+        """
+        precise = bool(self.motion.contact)
+        return tuple(gaps_between_steps(self.motion, self.x, self.loads, self.shape, precise))
+
+    @cached_property
     def clearance(self) -> Clearance:
         """Gaps between the trunk, every solid and itself, at time steps and between them.
 
-        Takes about half a second; lower bounds between steps are accurate if the motion asks for
-        contact, and rough otherwise.
+        Takes about half a second.
         """
-        between = gaps_between_steps(
-            self.motion, self.x, self.loads, self.shape, precise=bool(self.motion.contact)
-        )
         at_steps = gaps_at_steps(self.motion, self.x, self.shape)
         off = np.append(self.verification.position_difference, 0.0)  # the last stands for rest
 
@@ -228,7 +233,7 @@ class Plan:
 
         return Clearance(
             tuple(surely(gap, gap.step) for gap in at_steps),
-            tuple(surely(gap, gap.step - 1, gap.step) for gap in between),
+            tuple(surely(gap, gap.step - 1, gap.step) for gap in self.gaps_between),
             self.motion.trunk.length,
             sharpest_bend(self.motion, self.shape),
         )
@@ -346,7 +351,7 @@ class Plan:
     def with_record(self, **record: Any) -> Plan:
         """The plan with other fields on how it was made; results of its checks are kept."""
         plan = replace(self, **record)
-        checks = ("verification", "stability", "flutter", "errors", "clearance")
+        checks = ("verification", "stability", "flutter", "errors", "gaps_between", "clearance")
         vars(plan).update({name: vars(self)[name] for name in checks if name in vars(self)})
         return plan
 
