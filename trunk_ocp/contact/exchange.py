@@ -80,19 +80,27 @@ class Exchange:
             self._add_pairs(t, discs[t : t + 1].part(slice(None, None, 2)))
         return self.count - before
 
+    def too_small(self, gaps: Sequence[Gap]) -> list[tuple[Gap, float]]:
+        """The gaps on the way to time steps that are too small, and by how much in m.
+
+        Where the gap itself is large enough, its lower bound counts.
+        """
+        tol = BETWEEN_TOL * self.motion.trunk.length
+        missing = [(g, g.depth if g.depth > tol else g.least - g.bound) for g in gaps]
+        return [  # where nothing is known, larger gaps are no cure
+            (gap, short)
+            for gap, short in missing
+            if self.asks(gap.group) and short > tol and np.isfinite(short)
+        ]
+
     def tighten(self, gaps: Sequence[Gap]) -> list[int]:
         """Ask for larger gaps around each way on which a gap is too small.
 
         Returns the time steps (from 0) that these ways lead to.
         """
-        tol = BETWEEN_TOL * self.motion.trunk.length
         missing: dict[tuple[int, str], float] = {}
-        ways = set()
-        for gap in gaps:
-            short = gap.depth if gap.depth > tol else gap.least - gap.bound
-            if not (self.asks(gap.group) and short > tol and np.isfinite(short)):
-                continue  # where nothing is known, larger gaps are no cure
-            ways.add(gap.step)
+        small = self.too_small(gaps)
+        for gap, short in small:
             for t in {max(gap.step - 1, 0), gap.step}:
                 missing[t, gap.body] = max(missing.get((t, gap.body), 0.0), short)
                 self._add_at(t, gap)
@@ -100,7 +108,7 @@ class Exchange:
             self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * short
         for t, rows in self.rows.items():
             self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)
-        return sorted(ways)
+        return sorted({gap.step for gap, _ in small})
 
     def asks(self, group: str) -> bool:
         """Whether the motion asks to keep clear of the bodies of a group."""

@@ -80,6 +80,8 @@ def _exchanged(
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         else:
             between = [g for g in plan.gaps_between if g.step or g.body not in stuck]
+            if not exchange.too_small(between):  # then as the independent check will see them
+                between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep:
                 return plan, deep
