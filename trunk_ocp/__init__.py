@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from .analysis.multistart import find_optima
     from .analysis.multistart import find_optima as optima
     from .codegen.formats import check_export, export
+    from .contact.clearance import Clearance
+    from .contact.gaps import Gap
     from .errors import InputError, SolverMissingError, StaticsError, TrunkError
     from .model.anatomy import Trunk, load_anatomy
     from .model.loads import Loads
@@ -49,6 +51,8 @@ _HOMES = {
     "model.anatomy": ("Trunk", "load_anatomy"),
     "planning.checkpoint": ("Checkpoint",),
     "codegen.formats": ("check_export", "export"),
+    "contact.clearance": ("Clearance",),
+    "contact.gaps": ("Gap",),
     "analysis.measures": ("compare", "plan_measures"),
     "analysis.diagnosis": ("Diagnosis", "Finding", "explain"),
     "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
@@ -87,9 +91,11 @@ _OLD_NAMES = {
 
 __all__ = [
     "Checkpoint",
+    "Clearance",
     "Diagnosis",
     "Finding",
     "Flutter",
+    "Gap",
     "InputError",
     "Loads",
     "Motion",
