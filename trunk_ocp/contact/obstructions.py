@@ -12,10 +12,8 @@ from ..model.solids import Solid, signed_distance
 from ..problem.motion import Motion
 from ..problem.targets import Target
 from ..rod.statics import solve_statics
+from .clearance import COLLISION_TOL
 from .gaps import Gap, gaps_at_rest
-
-TOUCH = 5.7e-5
-"""Depth that counts as touching, as a share of the trunk's length; as `COLLISION_TOL`."""
 
 
 def obstructions(motion: Motion) -> list[str]:
@@ -24,7 +22,7 @@ def obstructions(motion: Motion) -> list[str]:
     A point of the centerline cannot be in a body; nor can a plan change where the trunk hangs
     before it starts.
     """
-    tol = TOUCH * motion.trunk.length
+    tol = COLLISION_TOL * motion.trunk.length
     deepest: dict[tuple[str, str], tuple[float, str]] = {}
     for number, step in enumerate(motion.steps, 1):
         for solid in step.solids if motion.contact else ():
@@ -52,7 +50,7 @@ def _depth(target: Target, solid: Solid) -> float:
 
 def stuck_at_rest(motion: Motion) -> list[Gap]:
     """Gaps of the passive trunk, where the motion starts, that are smaller than it asks for."""
-    tol, rest = TOUCH * motion.trunk.length, np.zeros(len(motion.trunk.muscles))
+    tol, rest = COLLISION_TOL * motion.trunk.length, np.zeros(len(motion.trunk.muscles))
     try:
         shape = solve_statics(motion.trunk, rest[None], np.zeros((1, 2)), Loads(motion.gravity))
     except StaticsError:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..model.anatomy import Trunk
 from ..model.solids import SELF, Solid, pivot
-from ..rod.collocation import Mesh, gauss
+from ..rod.collocation import Mesh
+from ..rod.volume import volume_weights
 from .gap_functions import scaled_stretch, section_gap, solid_gap
 from .nlp_builder import NLPBuilder
 from .quantities import Component, Meaning, Quantity, scalar, units_of
@@ -38,16 +39,6 @@ class GapRow:
     def points(self) -> tuple[float, ...]:
         """Points of the trunk that it concerns, in m."""
         return (self.Z,) if self.other is None else (self.Z, self.other)
-
-
-def volume_weights(trunk: Trunk, mesh: Mesh) -> np.ndarray:
-    """Weights (elements, degree) of zeta at the Gauss points in the volume ratio.
-
-    The ratio is the volume of the loaded trunk with its initial radii over the initial volume.
-    """
-    weights = mesh.widths[:, None] * gauss(mesh.degree).integral(1.0)
-    area = weights * np.asarray(trunk.taper(mesh.points)) ** 2
-    return np.asarray(area / area.sum())
 
 
 def add_volume(

@@ -25,7 +25,8 @@ from ..problem.targets import Direction, HeldDirection, Target
 from ..rod.collocation import Mesh
 from ..rod.equations import PARAMETERS, is_hung, point_parameters
 from ..rod.shape import Shape
-from .gap_rows import GapRow, add_gaps, add_volume, volume_weights
+from ..rod.volume import volume_weights
+from .gap_rows import GapRow, add_gaps, add_volume
 from .nlp_builder import Block, NLPBuilder
 from .point_functions import (
     director,

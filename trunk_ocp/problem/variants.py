@@ -109,7 +109,7 @@ def refined_spec(
     changes : dict
         For each of these phases (from 0) that has no free steps yet, the largest change of any
         activation, psi_Z and psi_Y (rad) from one time step with targets to the next. The phase's
-        own narrower bounds stay.
+        own bounds override it.
     """
     phases = list(spec.phases)
     for n, (activation, *head) in changes.items():
