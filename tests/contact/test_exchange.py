@@ -94,10 +94,9 @@ def on_grid(row):
 
 def by_exchange(motion, guess, monkeypatch):
     """The plan whose rows exchange found among all places, round by round."""
-    monkeypatch.setattr(module, "GRID", 16)  # candidates are 2 GRID + 1 places of a solid
     monkeypatch.setattr(module, "BRACKET", 0.0)
     monkeypatch.setattr(module, "STEP_TOL", 1e-10)
-    exchange, plan = Exchange(motion), solved(motion, guess, {})
+    exchange, plan = Exchange(motion, places=PLACES), solved(motion, guess, {})
     free = optimum(plan)
     for _ in range(30):
         if not exchange.add(plan.x, plan.shape):

@@ -25,8 +25,6 @@ from .between import BETWEEN_TOL
 from .gaps import Gap, body_of, section_points
 from .tube import Tube, pair_gaps, seen_by, solid_gaps, tube
 
-GRID = 256
-"""Pieces of the trunk between which minima are looked for; a solid's are as fine as 1/512 L."""
 STEP_TOL = 1e-5
 """By how much a gap may be too small at a time step, as a share of the trunk's length."""
 SPACING = 0.05
@@ -51,11 +49,15 @@ class Exchange:
         Rows of each time step, from 0.
     extra : dict
         Additional gap in m by (time step, body), because of what happens between steps.
+    places : (n,), optional
+        Where rows may be, m from the base; pairs at every second place. By default where the
+        check looks.
     """
 
     motion: Motion
     rows: dict[int, tuple[GapRow, ...]] = field(default_factory=dict)
     extra: dict[tuple[int, str], float] = field(default_factory=dict)
+    places: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -65,7 +67,8 @@ class Exchange:
     def add(self, x: np.ndarray, shape: Shape) -> int:
         """Add rows where planned shapes (H,) are too close to a body; returns how many."""
         trunk, before = self.motion.trunk, self.count
-        discs = tube(trunk, shape, section_points(self.motion))
+        places = section_points(self.motion) if self.places is None else self.places
+        discs = tube(trunk, shape, places)
         seen = {f: seen_by(trunk, discs, f, x[:, -2:]) for f in ("space", "head")}
         there: dict[Solid, list[int]] = {}
         for t in range(len(x)):
