@@ -33,6 +33,20 @@ WEAK = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [-0.1, 0.0]")
 STIFF = TOUCH.replace("activation = [-3.0, 0.0]", "activation = [0.0, 0.0]").replace(
     "[0.67, 1.35]", "[1.2, 1.35]"
 )
+# The trunk at rest hangs through the floor, which no plan can change.
+FLOOR = (
+    TOUCH
+    + """
+[[obstacles]]
+name = "floor"
+shape = "half-space"
+point = [0.0, 0.0, 1.5]
+normal = [0.0, 0.0, -1.0]
+
+[contact]
+obstacles = true
+"""
+)
 # An upright column without muscles, g upwards in our axes: its own weight buckles it.
 COLUMN = soft_rod("column", radius="{radius}")
 STAND = """
@@ -111,6 +125,7 @@ def ends(tmp_path_factory):
     return {
         Status.SOLVED: solved,
         Status.MISSED: plan_motion(motion(WEAK), throw=False),
+        Status.COLLIDING: plan_motion(motion(FLOOR), throw=False),
         Status.UNSTABLE: column(folder, 0.97 * GREENHILL),
         Status.UNVERIFIED: doctored(solved),
         Status.INFEASIBLE: plan_motion(motion(STIFF), throw=False),
@@ -438,6 +453,7 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
         (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),
+        (Status.COLLIDING, ["the trunk enters the floor", "mm at Z = 1.7", "at rest"]),
     ],
 )
 def test_what_explain_prints_names_place_and_size(ends, status, words, tmp_path):

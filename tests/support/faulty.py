@@ -67,7 +67,7 @@ if __name__ == "__main__":
     elif MOMENT == "beginning":
         before(checkpoint.Checkpoint, "enter")
     elif MOMENT == "reading":
-        before(cli, "load_motion")
+        before(cli, "load_problem")
     elif MOMENT == "drawing":
         trunk_ocp.cli.run_figures.draw_run = draw
     else:

@@ -37,6 +37,7 @@ AT_ONCE = 16
 """Ways to time steps that are looked at together; each takes some 5 MB."""
 
 
+@np.errstate(all="ignore")  # overflow ends as a gap that is not known
 def gaps_between_steps(
     motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape, precise: bool
 ) -> list[Gap]:

@@ -131,6 +131,7 @@ def sharpest_bend(motion: Motion, shape: Shape) -> Bend | None:
     return Bend(float(sharpness[t, i]), int(t), float(Z[i]))
 
 
+@np.errstate(all="ignore")  # overflow ends as a gap that is not known
 def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
     """Gaps of planned controls x (H, muscles + 2) and shapes (H,) to all bodies of each step."""
     discs = tube(motion.trunk, shape, section_points(motion))

@@ -243,8 +243,8 @@ def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     """Parts of the head and obstacles at head angles 0, and whether they are `shown` in samples."""
     trunk = plan.motion.trunk
     phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
-    there = [
-        {*head_solids(trunk), *obstacles(plan, phase)} for phase in range(len(plan.motion.phases))
+    there = [  # in order, unlike sets, so that a page has the same bytes every time
+        (*head_solids(trunk), *obstacles(plan, phase)) for phase in range(len(plan.motion.phases))
     ]
     entries = []
     for solid in dict.fromkeys(solid for phase in there for solid in phase):
