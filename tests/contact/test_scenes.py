@@ -16,7 +16,7 @@ from trunk_ocp.planning.planner import plan_motion
 pytestmark = pytest.mark.slow
 
 CLAIM_NO_COLLISION = (Status.SOLVED, Status.MISSED, Status.UNSTABLE)
-COUNT = int(os.environ.get("SCENES", "8"))
+COUNT = int(os.environ.get("SCENES", "4"))
 TOL = 1e-4 / 1.75
 """Depth that counts as a collision, over the trunk's length; 0.1 mm for the elephant."""
 
