@@ -164,6 +164,24 @@ def test_a_file_with_damaged_gaps_is_refused(tmp_path, text):
         load_plan(tmp_path)
 
 
+def test_a_body_that_appears_later_is_kept_clear_of_where_it_appears(tmp_path):
+    """The step before has to be clear of it as well, since the way on starts there."""
+    there = {"Z": 1.0, "position": (0.3, 0.02, 0.6)}
+    phases = [
+        {"name": name, "duration": 1.0, "targets": (target,)}
+        for name, target in (("before", there), ("after", BEYOND))
+    ]
+    ball = BALL | {"phases": ("after",), "radius": 0.05}
+    motion = reaching(
+        [], OBSTACLES, [ball], {"phases": tuple(phases), "tolerance": {"position": 0.5}}
+    )
+    plan = plan_motion(motion, throw=False)
+    assert plan.status is Status.SOLVED
+    assert {row.body for row in plan.gaps[0]} == {"ball"}
+    save_plan(plan, tmp_path)
+    assert load_plan(tmp_path).gaps == plan.gaps
+
+
 def test_a_replanner_keeps_the_gaps_and_follows_the_body(tmp_path):
     again = Replanner(avoided())
     for shift in (0.0, 0.004):

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .._support.toml_files import printable
+from ..contact.exchange import solids_at
 from ..errors import InputError
 from ..model.solids import SELF
 from ..nlp.gap_rows import GapRow
@@ -155,7 +156,7 @@ def gaps_of(value: Any, motion: Motion) -> dict[int, tuple[GapRow, ...]]:
         t = count(step, 1) - 1
         if t >= len(motion.steps):
             raise InputError(f"gaps: time step {step}: expected one of the motion's")
-        solids = {solid.name: solid for solid in motion.steps[t].solids}
+        solids = {solid.name: solid for solid in solids_at(motion, t)}
         solid, at_itself = solids.get(words(body)), words(body) == SELF
         places = [number(Z), *([number(other)] if at_itself else [])]
         if (solid is None) != at_itself or not all(0 <= p <= motion.trunk.length for p in places):
