@@ -55,7 +55,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         exchange = Exchange(motion)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
         again = replace(run, start=None, checkpoint=None, gaps={})
-        run = replace(again, motion=motion, lookahead=count, guess=guess)
+        run = replace(again, motion=motion, lookahead=count, guess=guess, near=None)
         finer = run.run()
         if not finer.converged and not finer.cut_short:
             return _with_reason(plan, run, f"no plan with {count} time steps was found")
@@ -98,7 +98,8 @@ def _exchanged(
             else:
                 break
         next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
-        again = replace(next_run, guess=plan.x).run()
+        near = plan.shape if plan.mesh == mesh else plan.shape.on(mesh)
+        again = replace(next_run, guess=plan.x, near=near).run()
         if clear_at_steps is not None and not again.converged and not again.cut_short:
             wanted = "no plan was found with wider gaps, to keep clear between time steps"
             return _with_reason(clear_at_steps, run, wanted), []

@@ -47,6 +47,8 @@ class PlanningRun:
         gaps to keep, because the way around a body that the guess leads to may be the wrong one.
     gaps : dict
         Gaps that each time step (from 0) keeps.
+    near : Shape, optional
+        Shapes of the guess on the run's mesh, batch axis (steps,), from which equilibria are found.
     """
 
     motion: Motion
@@ -59,6 +61,7 @@ class PlanningRun:
     checkpoint: Checkpoint | None = None
     guess: np.ndarray | None = None
     gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
+    near: Shape | None = None
 
     @property
     def controls(self) -> int:
@@ -128,17 +131,20 @@ class PlanningRun:
         x = np.clip(x, [box.lower for box in boxes], [box.upper for box in boxes])
         if np.any(strains(self.motion.trunk, x[:, :-2])[..., 0] <= 0):
             x = np.zeros_like(x)  # no shape has negative extensions; start from rest
+        near = None
+        if self.near is not None:
+            near = self.near[window.offset : window.offset + len(x)]
         try:
-            shapes = self._shapes(x, _pulled(window, None))
+            shapes = self._shapes(x, _pulled(window, None), near)
             if window.held:
-                shapes = self._shapes(x, _pulled(window, shapes))
+                shapes = self._shapes(x, _pulled(window, shapes), near)
         except StaticsError:  # a start does not have to be in equilibrium
             loads = [step.loads for step in window.steps]
             shapes = unloaded_shape(self.motion.trunk, self.mesh, x, loads)
         return window.pack(x, shapes)
 
-    def _shapes(self, x: np.ndarray, loads: list[Loads]) -> Shape:
-        return solve_statics(self.motion.trunk, x[:, :-2], x[:, -2:], loads, self.mesh)
+    def _shapes(self, x: np.ndarray, loads: list[Loads], near: Shape | None = None) -> Shape:
+        return solve_statics(self.motion.trunk, x[:, :-2], x[:, -2:], loads, self.mesh, near)
 
     def _several_steps(
         self, first: int, last: int, decided: DecidedSteps, previous: np.ndarray | None
