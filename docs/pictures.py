@@ -59,10 +59,6 @@ def _image(stage: Stage, moment: Moment) -> np.ndarray:
     view = VIEWS["R"]
     stage.panel(axes, view, moment)
     frame(axes, view, stage.boxes["R"])
-    assert stage.head is not None
-    head, radius = stage.head
-    x, y = (view.flat(head) - (0.4 * radius, 0.6 * radius)).tolist()
-    axes.text(x, y, "head", ha="center", fontsize=8)
     fruit = view.flat(stage.objects(moment)[0].facets.mean(axis=(0, 1)))
     axes.annotate("fruit\n8 kg", tuple(fruit), color="white", ha="center", va="center", fontsize=6,
                   zorder=5)  # fmt: skip
