@@ -342,11 +342,24 @@ def _within_reach(excesses: tuple[Excess, ...], motion: Motion) -> Finding:
 def _warnings(plan: Plan) -> Iterator[Finding]:
     if not len(plan.x):
         return
+    yield from _bodies_entered(plan)
+    yield from _bounds_reached(plan)
+    yield from _lengthened(plan)
+    if plan.converged:
+        yield from _barely_valid(plan)
+
+
+def _bodies_entered(plan: Plan) -> Iterator[Finding]:
+    """Bodies that the motion does not ask to avoid, and the trunk is in."""
     if not plan.collisions and (entered := plan.clearance.warnings):
         groups = {gap.group for gap in plan.clearance.all if gap.depth > 0}
         kinds = ",".join(sorted(groups | plan.motion.contact))
         advice = f"--contact {kinds} plans clear of them."
         yield Finding("warning", "the trunk passes through bodies", tuple(entered), advice)
+
+
+def _bounds_reached(plan: Plan) -> Iterator[Finding]:
+    """Unknowns at their bounds, those at the same steps together."""
     reached = at_bounds(plan)
     levels: tuple[tuple[str, Literal["warning", "note"], str], ...] = (
         ("contraction", "warning", "muscles at their bound of contraction"),
@@ -364,6 +377,10 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         )
         if details:
             yield Finding(level, words, details)
+
+
+def _lengthened(plan: Plan) -> Iterator[Finding]:
+    """Muscles that push."""
     peaks = plan.activations.max(axis=0)
     longer = [
         n for n, peak in zip(plan.motion.trunk.muscles, peaks, strict=True) if peak > AT_BOUND_TOL
@@ -373,8 +390,10 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
         names = ", ".join(longer[:MAX_NAMES]) + more
         details = (f"{names}: activations up to {peaks.max():.3g}; negative contracts",)
         yield Finding("warning", "muscles lengthen actively, which no muscle can do", details)
-    if not plan.converged:
-        return
+
+
+def _barely_valid(plan: Plan) -> Iterator[Finding]:
+    """How close a converged plan is to what makes it fail."""
     margin = plan.stability.margin
     if np.all(plan.stability.stable) and margin.min() < LOW_MARGIN:
         t = int(np.argmin(margin))
@@ -400,8 +419,8 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
             tuple(check.doubts),
         )
     if plan.auxiliary and (excess := change_excess(plan)) > BOUND_TOL:
-        details = (f"by {excess:.3g} at most, following the unloaded solutions of appendix B",)
-        yield Finding("note", "the plan exceeds the horizon's bounds on change", details)
+        by = f"by {excess:.3g} at most, following the unloaded solutions of appendix B"
+        yield Finding("note", "the plan exceeds the horizon's bounds on change", (by,))
 
 
 def _growing(plan: Plan) -> Finding:
