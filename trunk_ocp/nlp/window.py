@@ -7,6 +7,7 @@ E I(0) / L; everything that callers pass or get is in SI units.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -126,11 +127,11 @@ class Window:
         gaps: Mapping[int, tuple[GapRow, ...]] | None = None,
     ) -> None:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
-        self.known = held
+        self.known, self._previous, self._weights = held, previous, weights
         trunk = motion.trunk
         units = units_of(trunk)
         self.length, self.moment, self.force = units.length, units.moment, units.force
-        self._builder = NLPBuilder()
+        vars(self)["_builder"] = NLPBuilder()
         self._points: dict[Loads, np.ndarray] = {}  # parameters of `rates`, by load
         self._gaps = gaps or {}
         self.gap_rows: list[tuple[GapRow, int, int]] = []  # with time step and row number in F
@@ -139,8 +140,8 @@ class Window:
         self.unknowns = [self._step(offset + t, step) for t, step in enumerate(self.steps)]
         self.held = self._held_directions()
         self._couplings()
-        self._tracking()
-        self._regularization(weights)
+        for cost in (*self.tracking(), *self.regularization()):
+            self._builder.cost(*cost)
 
     @cached_property
     def bounds(self) -> dict[str, np.ndarray]:
@@ -161,6 +162,26 @@ class Window:
     def blocks(self) -> list[Block]:
         """The constraint rows, with what they mean."""
         return self._builder.blocks
+
+    def renumbered(self, motion: Motion) -> Window:
+        """The window of a motion of the same structure, with other targets, loads and bounds.
+
+        Its decision vector has the same layout. The NLP is built only if it is asked for, so that
+        a re-planner which does not need it saves the time.
+        """
+        other = copy.copy(self)
+        other.motion = motion
+        other.steps = motion.steps[self.offset : self.offset + len(self.steps)]
+        for name in ("_builder", "bounds", "parameters", "nlp", "structure", "_tracked"):
+            vars(other).pop(name, None)
+        return other
+
+    @cached_property
+    def _builder(self) -> NLPBuilder:
+        """Variables, rows and terms; see `renumbered`."""
+        previous = self.motion.start if not self.offset else self._previous
+        arguments = (self.motion, self.mesh, self.steps, previous, self.known, self.offset)
+        return Window(*arguments, self._weights, self._gaps)._builder
 
     @cached_property
     def structure(self) -> bytes:
@@ -297,31 +318,31 @@ class Window:
                         make = squared_direction_in_head if turns else squared_direction
                         yield Goal(make(j), q, np.asarray(d), weight, direction)
 
-    def _tracking(self) -> None:
-        """Add the cost of the distance to targets (eq. 42, squared)."""
+    def tracking(self) -> Iterator[tuple[ca.Function, np.ndarray, np.ndarray]]:
+        """Cost of the distance to targets (eq. 42, squared), function by function.
+
+        With its variables (n, N) and parameters (k, N) at N places.
+        """
         tracking: dict[ca.Function, list[Goal]] = {}
         for goal in self.goals():
             tracking.setdefault(goal.function, []).append(goal)
         for function, goals in tracking.items():
             variables = np.stack([goal.variables for goal in goals], axis=-1)
             weighted = [np.append(goal.parameters, goal.weight) for goal in goals]
-            self._builder.cost(function, variables, np.stack(weighted, axis=-1))
+            yield function, variables, np.stack(weighted, axis=-1)
 
-    def _regularization(self, weights: Weights) -> None:
-        """Add the costs of effort and of rate of change.
+    def regularization(self) -> Iterator[tuple[ca.Function, np.ndarray, np.ndarray]]:
+        """Costs of effort and of rate of change, as `tracking`; quadratic in the controls.
 
         Steps without targets cost no effort: they would sag on the way for the sake of it.
         """
+        weights = self._weights
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         working = x[1:, :-2][[bool(step.targets) for step in self.steps]]
-        self._builder.cost(
-            square(), working.reshape(1, -1), np.full((1, working.size), weights.effort)
-        )
+        yield square(), working.reshape(1, -1), np.full((1, working.size), weights.effort)
         per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
-        self._builder.cost(
-            squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
-        )
+        yield squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)
 
     # --- decision vector ---------------------------------------------------------------
 

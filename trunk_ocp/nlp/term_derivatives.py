@@ -1,0 +1,76 @@
+"""Values and derivatives of small CasADi functions (w, p) -> y at many places, in NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+
+def values(function: ca.Function, w: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Values (N, m) at places w (N, n) with parameters p (N, k)."""
+    (value,) = _evaluated(function, [w, p])
+    return value
+
+
+def first_derivatives(
+    function: ca.Function, w: np.ndarray, p: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values (N, m) and Jacobians (N, m, n) by w."""
+    value, jacobian = _evaluated(_first(function), [w, p])
+    return value, jacobian.reshape(len(w), value.shape[1], w.shape[1])
+
+
+def second_derivatives(
+    function: ca.Function, w: np.ndarray, p: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """Hessians (N, n, n) by w of the outputs weighted with (N, m)."""
+    (hessian,) = _evaluated(_second(function), [w, p, weights])
+    return hessian.reshape(len(w), w.shape[1], w.shape[1])
+
+
+def _evaluated(function: ca.Function, arguments: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Outputs (N, m) for arguments (N, n), in place: CasADi's own call copies number by number."""
+    count = len(arguments[0])
+    buffer, evaluate = _mapped(function, count).buffer()
+    rows = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+    outputs = [np.zeros((count, function.size1_out(i))) for i in range(function.n_out())]
+    for i, row in enumerate(rows):
+        if row.size:
+            buffer.set_arg(i, memoryview(row))
+    for i, output in enumerate(outputs):
+        if output.size:
+            buffer.set_res(i, memoryview(output))
+    evaluate()
+    return outputs
+
+
+@lru_cache(maxsize=256)
+def _mapped(function: ca.Function, count: int) -> ca.Function:
+    w, p = function.size1_in(0), function.size1_in(1)
+    dense = [ca.SX.sym("w", w), ca.SX.sym("p", p)]
+    dense += [ca.SX.sym("mu", function.size1_in(i)) for i in range(2, function.n_in())]
+    outputs = ca.cse([ca.densify(y) for y in function.call(dense)])
+    return ca.Function("at_a_place", dense, outputs).map(count)
+
+
+@lru_cache(maxsize=256)
+def _first(function: ca.Function) -> ca.Function:
+    w, p, y = _symbols(function)
+    return ca.Function("first", [w, p], [y, ca.vec(ca.densify(ca.jacobian(y, w)).T)])
+
+
+@lru_cache(maxsize=256)
+def _second(function: ca.Function) -> ca.Function:
+    w, p, y = _symbols(function)
+    mu = ca.SX.sym("mu", y.size1())
+    hessian = ca.hessian(ca.dot(mu, y), w)[0]
+    return ca.Function("second", [w, p, mu], [ca.vec(ca.densify(hessian))])
+
+
+def _symbols(function: ca.Function) -> tuple[ca.SX, ca.SX, ca.SX]:
+    w = ca.SX.sym("w", function.size1_in(0))
+    p = ca.SX.sym("p", function.size1_in(1))
+    return w, p, function(w, p)
