@@ -18,13 +18,13 @@ def of_start(motion: Motion) -> Iterator[tuple[str, object, str]]:
     """Findings on a start outside bounds: key, value and a text."""
     x0, box, count = motion.start, motion.box, len(motion.trunk.muscles)
     text = "outside the motion's bounds, {:g} to {:g}, which count from step 1 on"
-    outside = np.flatnonzero((x0 < box.lower - BOUND_TOL) | (x0 > box.upper + BOUND_TOL)).tolist()
-    for i in outside[:1]:
+    outside = np.flatnonzero((x0 < box.lower - BOUND_TOL) | (x0 > box.upper + BOUND_TOL))
+    for i in outside[:1].tolist():
         key = f'activation."{motion.trunk.muscles[i]}"' if i < count else HEAD_ANGLES[i - count]
         unit = 1.0 if i < count else math.degrees(1.0)
         value, low, high = (float(unit * one[i]) for one in (x0, box.lower, box.upper))
         sign = "; negative contracts" if i < count and value > 0 else ""
-        more = f"; so are {len(outside) - 1} more" if len(outside) > 1 else ""
+        more = f"; so are {outside.size - 1} more" if outside.size > 1 else ""
         yield f"start.{key}", value, text.format(low, high) + sign + more
     extension = strains(motion.trunk, x0[:count])[:, 0]
     low, high = motion.extension
