@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from reaching import BALL, reaching
+from scenes import TRUNK as ARM_TRUNK
 from toys import TRUNK, shortening
 from toys import C as SHORTENING
 
@@ -66,7 +67,7 @@ def test_a_plan_minimizes_its_cost_from_where_it_starts(lookahead):
     found = plan_motion(motion, lookahead, OPTIONS, throw=False).x[:, 0]
     if lookahead is None:
         np.testing.assert_allclose(found, minimum(start), rtol=0, atol=1e-6)
-        assert np.abs(minimum(start) - minimum(0.0)).max() > 0.01
+        assert np.abs(minimum(start) - minimum(0.0)).max() > 5e-3
     elif lookahead == 1:
         for wanted, duration, gamma in zip(WANTED, DURATIONS, found, strict=True):
             rate = 2 * WEIGHTS.rate / duration
@@ -126,34 +127,35 @@ def arm(targets, **phase):
     return reaching(targets, {}, **phase)
 
 
-def chase(tick, steps=4):
-    """Reach a place that moves, in steps of 0.05 s in which activations change by 0.15 at most."""
-    t = 0.05 * tick
-    place = {"Z": 1.0, "position": (0.35 + 0.4 * t, 0.3 * t, 0.8 - 0.2 * t)}
+def chase(tick):
+    """Reach a place that moves, in two steps of 0.05 s that may change activations by 0.15."""
+    x = np.zeros(8)
+    x[[0, 4]], x[[3, 6]] = -0.05 * (tick + 1), -0.02 * tick  # right and left, not alike
+    place = solve_statics(ARM_TRUNK, x, loads=Loads(9.8)).position(TIP)[0]
+    target = {"Z": 1.0, "position": tuple(place.tolist()), "position_weight": 10.0}
     change = ({"activation": 0.15, "head_z_deg": (-2.0, 2.0), "head_y_deg": (-2.0, 2.0)},)
-    return arm([place], duration=0.05 * steps, steps=steps, change=change)
+    return arm([target], duration=0.1, steps=2, change=change)
 
 
 def test_a_loop_from_state_to_state_follows_a_moving_target():
-    plan, errors = plan_motion(chase(0), throw=False), []
+    plan = plan_motion(chase(0))
     for tick in range(1, 11):
         before = plan.x[0]
-        plan = plan_motion(chase(tick), initial=before, throw=False)
-        assert not plan.verification.faults
+        plan = plan_motion(chase(tick), initial=before)  # which raises for a target out of reach
         assert np.all(np.abs(plan.x[0] - before)[:-2] <= 0.15 + 1e-6)
-        errors.append(float(plan.errors[0].position[0]))
-    assert plan.status is Status.SOLVED
-    assert max(errors[2:]) < 1e-4  # m; reachable from the third tick on
+        assert plan.errors[0].position[0] < 1e-4  # m
+    assert np.abs(plan.x[0]).max() > 2 * 0.15  # two steps from rest would not get there
+    from_rest = plan_motion(chase(10), throw=False)
+    assert from_rest.errors[0].position[0] > 0.01
 
 
 def test_a_replanner_takes_motions_that_start_elsewhere():
-    plan = plan_motion(chase(5), throw=False)
-    moved = chase(6).started(plan.x[0])
-    again = Replanner(plan)(moved, throw=False)
+    options = Options(weights=Weights(1e-3, 1e-3))  # which make the optimum a sharp one
+    plan = plan_motion(chase(0), None, options, throw=False)
+    moved = chase(1).started(plan.x[0])
+    again, fresh = Replanner(plan)(moved, False), plan_motion(moved, None, options, throw=False)
     np.testing.assert_array_equal(again.trajectory[0], moved.start)
-    assert not again.verification.faults
-    fresh = plan_motion(moved, throw=False)
-    assert again.objective.total == pytest.approx(fresh.objective.total, rel=1e-3)
+    assert again.objective.total == pytest.approx(fresh.objective.total, rel=1e-5)
 
 
 # --- the moving trunk ----------------------------------------------------------------------
@@ -277,7 +279,7 @@ def test_a_plan_from_a_start_chooses_its_muscles_best():
     options = Options(weights=Weights(1e-4, 1e-3))
     x0 = np.random.default_rng(3).uniform(-0.4, 0.0, 10)
     motion = arm(targets, steps=2, change=({"activation": 0.3},))
-    plan = plan_motion(motion, None, options, initial=x0)
+    plan = plan_motion(motion, None, options, initial=x0, throw=False)
     ours, best = (p.objective.effort + p.objective.rate for p in (plan, least_cost(plan)))
     assert best <= ours * (1 + 1e-9)
     assert ours <= best * (1 + 1e-4)
