@@ -453,7 +453,7 @@ def test_explain_says_how_it_ended_and_keeps_it(ends, status, tmp_path):
         (Status.INTERRUPTED, ["time steps are kept", "--resume"]),
         (Status.TIME_LIMIT, ["time steps are kept", "start=plan"]),
         (Status.UNSTABLE, ["step 1", "the trunk would fall in"]),
-        (Status.COLLIDING, ["the trunk enters the floor", "mm at Z = 1.7", "at rest"]),
+        (Status.COLLIDING, ["the trunk enters the floor", "mm at Z = 1.7", "at the start"]),
     ],
 )
 def test_what_explain_prints_names_place_and_size(ends, status, words, tmp_path):

@@ -67,6 +67,9 @@ def told(plan, what, deep=True):
         ("duration = 1.0", "duration = 1.0\nloads.tip_force = [0.0, 1.0, 0.0]", False),
         ("[bounds]", '[bounds]\nmuscles = { "R1-dl" = [-1.0, 0.0] }', False),
         ("[bounds]", '[bounds]\nmuscles = { "*1-dl" = [-1.0, 0.0] }', True),
+        ("[bounds]", '[start]\nactivation = { "R1-dl" = -0.2 }\n[bounds]', False),
+        ("[bounds]", "[start]\nhead_z_deg = 1.0\n[bounds]", False),
+        ("[bounds]", '[start]\nactivation = { "*1-dl" = -0.2 }\nhead_y_deg = 1.0\n[bounds]', True),
     ],
 )
 def test_a_motion_is_symmetric_if_all_it_asks_for_is(tmp_path, old, new, symmetric):

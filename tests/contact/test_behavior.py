@@ -88,7 +88,7 @@ def test_a_trunk_that_rests_in_a_body_is_told_so():
     ball = BALL | {"name": "stone", "center": tuple(np.add(place, (0.1, 0, 0))), "radius": 0.09}
     motion = reaching([BEYOND], OBSTACLES, [ball], interpolation="cosine")
     plan = plan_motion(motion, throw=False)
-    (note,) = [note for note in plan.notes if "at rest" in note]
+    (note,) = [note for note in plan.notes if "at the start" in note]
     depth = float(re.search(r"([\d.]+) mm", note)[1])
     assert "stone" in note
     assert depth == pytest.approx(1e3 * (0.09 + radius - 0.1), rel=0.1)

@@ -15,6 +15,17 @@ from trunk_ocp.model.solids import signed_distance
 from trunk_ocp.problem.build import as_built, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion
 
+
+def started(seed):
+    """Start somewhere else."""
+
+    def change(motion):
+        rng = np.random.default_rng(seed)
+        return motion.started(rng.uniform(-0.4, 0.1, len(motion.trunk.muscles) + 2))
+
+    return change
+
+
 OFFSETS = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 MUSCLES = ("R1-dl", "L3-vr", "R2-ivo")
 CHANGES = st.one_of(
@@ -27,6 +38,7 @@ CHANGES = st.one_of(
         lambda kinds: lambda motion: motion.with_contact(kinds)
     ),
     st.sampled_from(MUSCLES).map(lambda name: lambda motion: motion_without(motion, (name,))),
+    st.integers(0, 99).map(started),
 )
 HARD = """
 name = "hard"

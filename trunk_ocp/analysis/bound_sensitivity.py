@@ -91,20 +91,19 @@ def responses(plan: Plan) -> tuple[Response, ...]:
 def _windows(plan: Plan) -> Iterator[tuple[Window, int, int]]:
     """The NLPs that a plan solves, with their first and last steps."""
     motion, count = plan.motion, len(plan.x)
-    rest = np.zeros(plan.x.shape[1])
     if plan.mode == "horizon":
         yield (
-            Window(motion, plan.mesh, motion.steps, rest, {}, 0, plan.weights, plan.gaps),
+            Window(motion, plan.mesh, motion.steps, motion.start, {}, 0, plan.weights, plan.gaps),
             0,
             count,
         )
         return
-    unbounded = Bounds(rest - np.inf, rest + np.inf)
+    unbounded = Bounds(motion.start - np.inf, motion.start + np.inf)
     held = {d: plan.shape.directors(np.array([d.Z]))[d.step, 0, d.director] for d in motion.held}
     for t, step in enumerate(motion.steps):
         if t in plan.auxiliary and step.follows:
             step = replace(step, box=allowed(motion, step, plan.auxiliary[t]), change=unbounded)
-        previous = plan.x[t - 1] if t else rest
+        previous = plan.x[t - 1] if t else motion.start
         known = {d: value for d, value in held.items() if d.step < t}
         yield (
             Window(motion, plan.mesh, [step], previous, known, t, plan.weights, plan.gaps),

@@ -174,8 +174,8 @@ def nearest(plan: Plan, reporter: Reporter | None = None) -> float | None:
     steps = [replace(step, box=_widened(step.box, lower, upper), change=unbounded)
              for step in motion.steps]  # fmt: skip
     window = Window(
-        replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, np.zeros(n), {}, 0,
-        plan.weights, plan.gaps,
+        replace(motion, steps=tuple(steps), extension=widest), plan.mesh, steps, motion.start, {},
+        0, plan.weights, plan.gaps,
     )  # fmt: skip
     outcome = _solved(window, plan, "distance to the targets", reporter)
     return window.worst_error(outcome.full) if outcome.converged else None
@@ -245,7 +245,9 @@ def elastic_rows(motion: Motion) -> Elastic:
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         scale = 0.2 if unit else 0.5
         ends, muscle = (least[:, i], most[:, i]), (*trunk.muscles, "", "")[i]
-        rows.add(difference[x[:, i]], f"change of {name}", unit, scale, *ends, muscle=muscle)
+        before = np.where(np.arange(H) == 0, motion.start[i], 0.0)  # known, so it has no column
+        of_change = f"change of {name}"
+        rows.add(difference[x[:, i]], of_change, unit, scale, *ends, muscle=muscle, known=before)
     return rows.elastic()
 
 
@@ -268,8 +270,9 @@ class _Rows:
         offset: float = 0.0,
         within: tuple[float, float] = (-np.inf, np.inf),
         muscle: str = "",
+        known: np.ndarray | float = 0.0,
     ) -> None:
-        """Add lower <= matrix x <= upper; `offset` is added to reported values.
+        """Add lower <= matrix x - known <= upper; `offset` is added to reported values.
 
         No bound is relaxed beyond `within`; those already beyond it are not relaxed at all.
         """
@@ -282,7 +285,7 @@ class _Rows:
                 most = max(0.0, sign * (limit - value))
                 reported = per_unit * value + offset
                 bound = Bound(f"{word} {name}", reported, sign, unit, scale, steps, most, muscle)
-                self.parts.append((matrix[same], sign, values[same]))
+                self.parts.append((matrix[same], sign, (values + known)[same]))
                 self.bounds.append(bound)
 
     def elastic(self) -> Elastic:
@@ -320,7 +323,7 @@ class ElasticWindow(Window):
         unbounded = Bounds(np.full(n, -np.inf), np.full(n, np.inf))
         steps = [replace(step, box=unbounded, change=unbounded) for step in motion.steps]
         unbounded_motion = replace(motion, steps=tuple(steps), extension=LOOSE_EXTENSION)
-        super().__init__(unbounded_motion, mesh, steps, np.zeros(n), {}, 0, Weights(), gaps)
+        super().__init__(unbounded_motion, mesh, steps, motion.start, {}, 0, Weights(), gaps)
         self.elastic = elastic_rows(motion)
         add = self._builder
         most = np.array([bound.most for bound in self.elastic.bounds])

@@ -33,18 +33,18 @@ class Measures:
         float,
         "1/s",
         "integral over time of the squared rates of activations and head angles, along straight "
-        "lines between time steps, starting from rest",
+        "lines between time steps, from the start on",
     ]
     total_variation: Annotated[
         float,
         "",
         "sum over muscles of the magnitudes of all changes from step to step, without the change "
-        "from rest to step 1",
+        "from the start to step 1",
     ]
     largest_change: Annotated[
         float,
         "",
-        "largest change of one activation between two steps, without that from rest to step 1",
+        "largest change of one activation between two steps, without that from the start to step 1",
     ]
     reversals: Annotated[
         int,
@@ -61,7 +61,7 @@ class Measures:
     head_travel: Annotated[
         float,
         "rad",
-        "sum of the magnitudes of all changes of both head angles, starting from rest",
+        "sum of the magnitudes of all changes of both head angles, from the start on",
     ]
     change_excess: Annotated[
         float,

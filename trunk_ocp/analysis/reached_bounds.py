@@ -24,7 +24,7 @@ def at_bounds(plan: Plan) -> dict[str, dict[str, list[int]]]:
     }
     names = (*trunk.muscles, "psi_Z", "psi_Y")
     extension = strains(trunk, plan.activations)[..., 0]
-    previous = np.zeros(plan.x.shape[1])
+    previous = plan.motion.start
     for t, (step, x) in enumerate(zip(plan.motion.steps, plan.x, strict=False)):
         change, box = x - previous, allowed(plan.motion, step, plan.auxiliary.get(t))
         free = t in plan.auxiliary and step.follows

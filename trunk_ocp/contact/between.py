@@ -41,7 +41,7 @@ AT_ONCE = 16
 def gaps_between_steps(
     motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape, precise: bool
 ) -> list[Gap]:
-    """Gaps on the way to each time step, from the one before or from rest.
+    """Gaps on the way to each time step, from the one before or from the start.
 
     Phases without interpolation jump from step to step and are left out.
 
@@ -218,7 +218,7 @@ class _Samples:
 
     def __init__(self, motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape) -> None:
         self.motion, self._planned, self._shape = motion, loads, shape
-        controls = np.concatenate([np.zeros((1, x.shape[1])), x])
+        controls = np.concatenate([motion.start[None], x])
         centers = log_centers(motion)[: len(controls)]
         self._values = np.concatenate([controls, centers], axis=1)
         self._Z = section_points(motion)
@@ -303,7 +303,7 @@ class _Samples:
 
 
 def log_centers(motion: Motion) -> np.ndarray:
-    """Centers (steps + 1, 3) in m of the log at rest and at time steps; 0 without a log.
+    """Centers (steps + 1, 3) in m of the log at the start and at time steps; 0 without a log.
 
     Where no log is, the last before; before the first, that one.
     """

@@ -106,8 +106,8 @@ def _sentence(small: Sequence[Gap], tol: float) -> str:
     if worst.depth <= tol:
         worst = max(small, key=lambda gap: gap.least - gap.bound)
     at = f"at Z = {worst.Z:.2f} m" + (f" and {worst.other:.2f} m" if worst.other > 0 else "")
-    at_rest = " at rest," if worst.time == 0 else ""
-    when = f"worst{at_rest} at {worst.time:.3g} s; at or before {steps}"
+    at_start = " at the start," if worst.time == 0 else ""
+    when = f"worst{at_start} at {worst.time:.3g} s; at or before {steps}"
     if worst.depth <= tol:
         missing = 1e3 * (worst.least - worst.bound)
         return f"the trunk may be {missing:.2g} mm too close to {body} {at} ({when})"

@@ -140,10 +140,10 @@ def gaps_at_steps(motion: Motion, x: np.ndarray, shape: Shape) -> list[Gap]:
     return _gaps(motion, [step.solids for step in steps], discs, x[:, -2:], times)
 
 
-def gaps_at_rest(motion: Motion, shape: Shape) -> list[Gap]:
-    """Gaps of the passive shape, batch axis (1,), to all bodies of the first step."""
+def gaps_at_start(motion: Motion, shape: Shape) -> list[Gap]:
+    """Gaps of the shape at the start, batch axis (1,), to all bodies of the first step."""
     discs = tube(motion.trunk, shape, section_points(motion))
-    return _gaps(motion, [motion.steps[0].solids], discs, np.zeros((1, 2)), np.zeros(1))
+    return _gaps(motion, [motion.steps[0].solids], discs, motion.start[None, -2:], np.zeros(1))
 
 
 def _gaps(

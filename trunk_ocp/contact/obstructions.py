@@ -13,7 +13,7 @@ from ..problem.motion import Motion
 from ..problem.targets import Target
 from ..rod.statics import solve_statics
 from .clearance import COLLISION_TOL
-from .gaps import Gap, gaps_at_rest
+from .gaps import Gap, gaps_at_start
 
 
 def obstructions(motion: Motion) -> list[str]:
@@ -36,7 +36,7 @@ def obstructions(motion: Motion) -> list[str]:
                     )
                     key = (target.source, solid.name)
                     deepest[key] = max(deepest.get(key, (0.0, "")), (depth, sentence))
-    return [*(sentence for _, sentence in deepest.values()), *_at_rest(motion)]
+    return [*(sentence for _, sentence in deepest.values()), *_at_start(motion)]
 
 
 def _depth(target: Target, solid: Solid) -> float:
@@ -48,21 +48,23 @@ def _depth(target: Target, solid: Solid) -> float:
     return solid.clearance - float(signed_distance(solid, np.asarray(target.position))[0])
 
 
-def stuck_at_rest(motion: Motion) -> list[Gap]:
-    """Gaps of the passive trunk, where the motion starts, that are smaller than it asks for."""
-    tol, rest = COLLISION_TOL * motion.trunk.length, np.zeros(len(motion.trunk.muscles))
+def stuck_at_start(motion: Motion) -> list[Gap]:
+    """Gaps where the motion starts that are smaller than it asks for."""
+    tol, x0 = COLLISION_TOL * motion.trunk.length, motion.start[None]
+    if not motion.contact:
+        return []
     try:
-        shape = solve_statics(motion.trunk, rest[None], np.zeros((1, 2)), Loads(motion.gravity))
+        shape = solve_statics(motion.trunk, x0[:, :-2], x0[:, -2:], Loads(motion.gravity))
     except StaticsError:
         return []
-    return [g for g in gaps_at_rest(motion, shape) if g.group in motion.contact and g.depth > tol]
+    return [g for g in gaps_at_start(motion, shape) if g.group in motion.contact and g.depth > tol]
 
 
-def _at_rest(motion: Motion) -> Iterator[str]:
-    """Bodies that the passive trunk is in."""
-    for gap in stuck_at_rest(motion):
+def _at_start(motion: Motion) -> Iterator[str]:
+    """Bodies that the trunk is in before anything is planned."""
+    for gap in stuck_at_start(motion):
         yield (
-            f"at rest, where the motion starts, the trunk is {1e3 * gap.depth:.3g} mm too "
+            f"at the start the trunk is {1e3 * gap.depth:.3g} mm too "
             f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
             "later phase"
         )

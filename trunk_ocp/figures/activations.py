@@ -88,7 +88,9 @@ def activation_range(plans: Sequence[Plan]) -> tuple[float, float]:
     """Ends of the activation axis of plans and their bounds: contraction, negative, is upward."""
     values = [np.zeros(1)]
     for plan in plans:
-        values += [bound[:, :-2].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
+        values += [bound[:, :-2].ravel() for bound in limits(plan)] + [
+            plan.trajectory[:, :-2].ravel()
+        ]
     joined = np.concatenate(values)
     low, high = float(np.nanmin(joined)), float(np.nanmax(joined))
     margin = 0.08 * (high - low or 1.0)

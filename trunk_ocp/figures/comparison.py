@@ -88,7 +88,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
         times = plan.motion.times[: len(plan.x)]
         errors = plan.errors if len(plan.x) else ()
         cost = np.array([error.paper for error in errors])
-        # Without the change from rest to step 1, which every plan has.
+        # Without the change from the start to step 1, which every plan has.
         change = np.abs(np.diff(plan.trajectory[:, :-2], axis=0)).max(axis=1, initial=0.0)[1:]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)
         for axes, values in zip(panels, (cost, change, at_bound), strict=True):

@@ -46,7 +46,7 @@ Progress = Callable[[int, int], Any]
 
 
 def frame_times(plan: Plan) -> np.ndarray:
-    """Times in s of the film's frames, from rest to the end, with the jumps of the loads."""
+    """Times in s of the film's frames, from the start to the end, with the jumps of the loads."""
     end = end_of(plan)
     count = min(int(np.ceil(end * FRAME_RATE * SLOWDOWN)), MAX_FRAMES) + 1
     times = np.linspace(0.0, end, max(count, 2))

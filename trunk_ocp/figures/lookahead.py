@@ -134,7 +134,7 @@ def _over_time(panels: list[Axes], plans: Sequence[tuple[Plan, str]]) -> None:
     for plan, color in plans:
         times = plan.motion.times[: len(plan.x)]
         cost = np.array([error.paper for error in plan.errors])
-        # Without the change from rest to step 1, which every plan has.
+        # Without the change from the start to step 1, which every plan has.
         change = np.abs(np.diff(plan.activations, axis=0)).max(axis=1, initial=0.0)
         rate = change / [step.duration for step in plan.motion.steps[1 : len(plan.x)]]
         at_bound = touching(plan)[0][:, :-2].sum(axis=1)

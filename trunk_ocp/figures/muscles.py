@@ -113,7 +113,9 @@ def activation_color(scale: Normalize, activation: float) -> tuple[float, float,
 def strongest(plan: Plan) -> float:
     """Upper end of the color bar: the bound on |activation|, or a plan's largest if beyond it."""
     count = len(plan.motion.trunk.muscles)
-    values = [bound[:, :count].ravel() for bound in limits(plan)] + [plan.activations.ravel()]
+    values = [bound[:, :count].ravel() for bound in limits(plan)] + [
+        plan.trajectory[:, :-2].ravel()
+    ]
     return float(np.nanmax(np.abs(np.concatenate(values)), initial=0.0)) or 1.0
 
 

@@ -72,9 +72,9 @@ def redundancy_figure(redundancy: Redundancy) -> Figure:
 def _panel(axes: Axes, redundancy: Redundancy, index: int, color: str) -> None:
     plan, freedom = redundancy.plan, redundancy.freedom
     times = plan.times
-    at_rest = np.zeros((1, 2))  # step 0 is the passive trunk
+    start = np.full((1, 2), plan.motion.start[index])
     for band, fraction, gid in ((freedom.alone, PALE, "alone"), (freedom.joint, DARK, "joint")):
-        low, high = np.concatenate([at_rest, band[:, index]]).T
+        low, high = np.concatenate([start, band[:, index]]).T
         axes.fill_between(times, low, high, color=_mixed(color, fraction), linewidth=0, gid=gid)
     effort = redundancy.versions["least effort"].trajectory[:, index]
     axes.plot(times, plan.trajectory[:, index], ".-", color=color, markersize=2.5, gid="plan")

@@ -81,7 +81,7 @@ def draw_shapes(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
 
 
 def rows_of(plan: Plan) -> list[Row]:
-    """Rows of the figure, one for each phase with planned steps; the trunk at rest if none has."""
+    """Rows of the figure: one for each phase with planned steps, or else the trunk at the start."""
     numbers = dict.fromkeys(step.phase for step in plan.motion.steps[: len(plan.x)])
     if not numbers:
         return [Row(0, moments_at(plan, np.zeros(1)), [], [], None, [], np.zeros((0, 3)))]
@@ -93,7 +93,7 @@ def row_of(plan: Plan, number: int) -> Row:
     steps = [i for i, s in enumerate(plan.motion.steps[: len(plan.x)]) if s.phase == number]
     trunks = moments_at(plan, times_of_phase(plan, number), number)
     cylinders = logs(plan)
-    log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is rest
+    log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is the start
     tip = np.array([plan.motion.trunk.length])
     count = min(max(13, 3 * len(steps) + 1), MAX_TIPS)  # enough that the path looks smooth
     between = moments_at(plan, times_of_phase(plan, number, count), number)

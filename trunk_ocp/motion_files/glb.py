@@ -42,7 +42,7 @@ UPRIGHT = (0.5, -0.5, 0.5, 0.5)
 def write_glb(plan: Plan, path: str | Path) -> Path:
     """Write a plan as an animation, a node for each muscle; returns the path.
 
-    Lengths are in m and times in s from rest; a root node rotates the model's axes to glTF's.
+    Lengths are in m and times in s from the start; a root node rotates the model's axes to glTF's.
     Key frames are the time steps, the trunk just after each jump of the loads, and some in between
     where blending alone would depart from the motion. Each node's `extras` have the muscle's group,
     side, segment, and activation at the root's `times`; `extras.time_steps` are the planned time

@@ -19,8 +19,9 @@ TIME_TOL = 1e-6  # s; a regular row closer to a time step would duplicate it
 def write_sto(plan: Plan, path: str | Path) -> Path:
     """Write -activation of every muscle over time; returns the path.
 
-    Rows are 10 ms apart from rest to the end of the plan (farther apart if there would be more than
-    100,000), with another at each time step in between; values follow each phase's interpolation.
+    Rows are 10 ms apart from the start to the end of the plan (farther apart if there would be more
+    than 100,000), with another at each time step in between; values follow each phase's
+    interpolation.
 
     Raises
     ------
@@ -54,7 +55,7 @@ def sto_times(steps: np.ndarray) -> np.ndarray:
 
 def _header(plan: Plan, rows: int, columns: int) -> list[str]:
     """Lines before the column names; OpenSim takes those without "=" as a comment."""
-    largest = 0.0 - float(plan.activations.min(initial=0.0))
+    largest = 0.0 - float(plan.trajectory[:, :-2].min(initial=0.0))
     return [
         plan.motion.name,
         "version=1",

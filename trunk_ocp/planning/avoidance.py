@@ -10,7 +10,7 @@ import numpy as np
 from .._support.wording import step_list
 from ..contact.exchange import Exchange
 from ..contact.gaps import Gap
-from ..contact.obstructions import obstructions, stuck_at_rest
+from ..contact.obstructions import obstructions, stuck_at_start
 from ..errors import InputError
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
@@ -41,7 +41,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     them gets additional time steps. Ends early where a plan does not converge.
     """
     exchange = Exchange(run.motion, dict(run.gaps))
-    stuck = {gap.body for gap in stuck_at_rest(run.motion)}
+    stuck = {gap.body for gap in stuck_at_start(run.motion)}
     most = 0 if obstructions(run.motion) else MAX_INSERTIONS
     for insertions in range(most + 1):
         plan, deep = _exchanged(plan, run, exchange, stuck)
@@ -68,7 +68,7 @@ def _exchanged(
 ) -> tuple[Plan, list[Gap]]:
     """The plan with all gaps that its time steps can keep, and those too small between them.
 
-    stuck : bodies that the trunk is in at rest, which no plan can change.
+    stuck : bodies that the trunk is in at the start, which no plan can change.
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit = MAX_TIGHTENING * run.motion.trunk.length

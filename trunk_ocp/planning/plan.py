@@ -178,8 +178,8 @@ class Plan:
 
     @property
     def trajectory(self) -> np.ndarray:
-        """Controls (H + 1, muscles + 2) of time steps 0 (rest), 1, ..., H."""
-        return np.concatenate([np.zeros((1, self.x.shape[1])), self.x])
+        """Controls (H + 1, muscles + 2) of time steps 0 (the start), 1, ..., H."""
+        return np.concatenate([self.motion.start[None], self.x])
 
     @property
     def times(self) -> np.ndarray:
@@ -226,7 +226,7 @@ class Plan:
         Takes about half a second.
         """
         at_steps = gaps_at_steps(self.motion, self.x, self.shape)
-        off = np.append(self.verification.position_difference, 0.0)  # the last stands for rest
+        off = np.append(self.verification.position_difference, 0.0)  # the last stands for the start
 
         def surely(gap: Gap, *steps: int) -> Gap:
             return replace(gap, bound=gap.bound - float(off[list(steps)].max()))
@@ -305,7 +305,7 @@ class Plan:
     def squared_rate(self) -> float:
         """Integral over time of the squared rates of activations and head angles, 1/s.
 
-        Of straight lines between time steps, from rest on; interpolation adds to it.
+        Of straight lines between time steps, from the start on; interpolation adds to it.
         """
         change = np.diff(self.trajectory, axis=0)
         duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])

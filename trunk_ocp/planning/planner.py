@@ -48,6 +48,7 @@ def plan_motion(
     checkpoint: Checkpoint | None = None,
     throw: bool = True,
     deadline: float | None = None,
+    initial: np.ndarray | None = None,
 ) -> Plan:
     """Find activations and head angles that perform a motion.
 
@@ -68,6 +69,9 @@ def plan_motion(
     deadline : float, optional
         Seconds of wall time after which no iteration of the optimizer begins. The plan as far as
         it was reached is returned with status TIME_LIMIT; its check takes extra time.
+    initial : (muscles + 2,), optional
+        Activations and head angles (rad) from which the motion starts, in place of its own `start`;
+        the same as to plan `motion.started(initial)`.
 
     Returns
     -------
@@ -79,8 +83,8 @@ def plan_motion(
     PlanError
         If the plan is not solved; the error has the plan.
     InputError
-        If the lookahead is not a whole number of at least 1, the deadline not positive, or the
-        checkpoint belongs to another plan.
+        If the lookahead is not a whole number of at least 1, the deadline not positive, `initial`
+        no controls of this trunk, or the checkpoint belongs to another plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
         as well.
@@ -88,6 +92,7 @@ def plan_motion(
         If the linear solver is not installed.
     """
     began = time.perf_counter()
+    motion = motion if initial is None else motion.started(initial)
     options, reporter = options or Options(), reporter or Reporter()
     mode, lookahead = mode_of(motion, lookahead)
     ends = began + seconds_allowed(deadline)

@@ -106,11 +106,15 @@ class PlanningRun:
         decided.held |= {held: d for held, d in directions.items() if held.step < until}
         decided.converged &= outcome.converged
 
+    def _before(self, decided: DecidedSteps) -> np.ndarray:
+        """Controls (muscles + 2,) of the last decided step, or else where the motion starts."""
+        return decided.x[-1] if decided.x else self.motion.start
+
     # --- windows ---------------------------------------------------------------------
 
     def window(self, first: int, steps: Sequence[Step], decided: DecidedSteps) -> Window:
         """The NLP of `steps` from step `first` on, given the decided ones."""
-        before = decided.x[-1] if decided.x else np.zeros(self.controls)
+        before = self._before(decided)
         return Window(
             self.motion,
             self.mesh,
@@ -200,7 +204,7 @@ class PlanningRun:
         """A window of one step, with its auxiliary problem if it has one (appendix B)."""
         step = self.motion.steps[first]
         detail = f"step {first + 1} of {len(self.motion.steps)}"
-        before = decided.x[-1] if decided.x else np.zeros(self.controls)
+        before = self._before(decided)
         if step.auxiliary is None:
             decided.unloaded = None
             window = self.window(first, [step], decided)
@@ -222,7 +226,7 @@ class PlanningRun:
         """Optimum of a step without loads, started from the unloaded one before it and near it."""
         step = self.motion.steps[first]
         chained = bool(np.any(np.isfinite(step.change.upper))) and decided.unloaded is not None
-        before = decided.x[-1] if decided.x else np.zeros(self.controls)
+        before = self._before(decided)
         reference = decided.unloaded if chained and decided.unloaded is not None else before
         unloaded = step.loads.scaled(0.0)
         unloaded_step = replace(

@@ -185,6 +185,7 @@ def summary(plan: Plan) -> dict[str, Any]:
         "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
         "clearance": _clearance(plan.clearance.min),
         "collisions": plan.clearance.warnings,
+        **_start(plan),
         "timesteps": _timesteps(plan),
         "steps_planned": len(plan.x),
         "units": UNITS,
@@ -211,6 +212,16 @@ def _clearance(gap: Gap | None) -> dict[str, Any] | None:
         "Z": gap.Z,
         "other_Z": gap.other,
     }
+
+
+def _start(plan: Plan) -> dict[str, Any]:
+    """The entry on where the motion starts; none for one that starts at rest."""
+    *activation, psi_z, psi_y = plan.motion.start.tolist()
+    if not np.any(plan.motion.start):
+        return {}
+    pairs = zip(plan.motion.trunk.muscles, activation, strict=True)
+    active = {name: value for name, value in pairs if value}
+    return {"start": {"activation": active, "psi_z": psi_z, "psi_y": psi_y}}
 
 
 def _timesteps(plan: Plan) -> list[dict[str, Any]]:
@@ -349,7 +360,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
 
 
 def activations_table(plan: Plan) -> str:
-    """A CSV table with one row for each time step, rest included.
+    """A CSV table with one row for each time step, the start included.
 
     For a plan that is not solved, every row ends with its status.
     """
@@ -358,7 +369,8 @@ def activations_table(plan: Plan) -> str:
     head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
     writer = csv.writer(text)
     writer.writerow([*head, *(["status"] if mark else [])])
-    writer.writerow([0.0, "rest", *np.zeros(plan.x.shape[1]), *mark])
+    start = motion.start.tolist()
+    writer.writerow([0.0, "start" if any(start) else "rest", *start, *mark])
     for step, x in zip(motion.steps, plan.x, strict=False):
         phase = as_text(motion.phases[step.phase].name)
         numbers = (f"{value:.9g}" for value in x)

@@ -164,7 +164,7 @@ def verify(
 
     `auxiliary` has the auxiliary solutions of a sequential plan, as in `Plan`.
     """
-    steps, before = motion.steps[: len(x)], np.concatenate([np.zeros((1, x.shape[1])), x[:-1]])
+    steps, before = motion.steps[: len(x)], np.concatenate([motion.start[None], x[:-1]])
     bounds, change = np.zeros(len(x)), np.zeros(len(x))
     for t, step in enumerate(steps):
         box = allowed(motion, step, auxiliary.get(t))

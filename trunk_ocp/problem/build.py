@@ -20,6 +20,7 @@ from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
+from .start import start_of
 from .step_solids import check_obstacles, step_solids
 from .targets import HeldDirection, earlier_step, origins_of, phase_targets, wrap_center
 
@@ -64,7 +65,8 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     ------
     InputError
         For faults that only show in the two together: unknown muscles, points off the trunk,
-        directions held from a step that is not earlier, two solids of one name.
+        directions held from a step that is not earlier, two solids of one name, a start that
+        collapses a segment.
     """
     trunk = build_trunk(anatomy)
     check_obstacles(spec.obstacles, trunk)
@@ -74,7 +76,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     steps: list[Step] = []
     with_targets: list[int] = []  # numbers of steps, from 0, as files count them
     phases: list[Phase] = []
-    start = 0.0
+    began = 0.0
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
         phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
@@ -91,7 +93,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                 loads = _ramped(start_loads, loads, before, phase.loads, i)
             steps.append(
                 Step(
-                    time=start + phase.duration * i / phase.steps,
+                    time=began + phase.duration * i / phase.steps,
                     duration=phase.duration / (phase.steps * parts),
                     phase=number,
                     targets=targets,
@@ -105,12 +107,20 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                 )
             )
             with_targets += [] if free else [len(steps) - 1]
-        start += phase.duration
+        began += phase.duration
         smooth = parts > 1 and phase.interpolation == "cosine"  # else it would stop at every step
-        phases.append(Phase(phase.name, start, "hermite" if smooth else phase.interpolation))
+        phases.append(Phase(phase.name, began, "hermite" if smooth else phase.interpolation))
     _check_contact(steps)
     return Motion(
-        spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, box, build_motion
+        spec,
+        anatomy,
+        trunk,
+        tuple(phases),
+        tuple(steps),
+        spec.bounds.extension,
+        box,
+        start_of(spec.start, trunk, matches),
+        build_motion,
     )
 
 
@@ -126,7 +136,7 @@ def as_built(motion: Motion) -> bool:
         built = build_motion(spec, anatomy)
     except (InputError, ValidationError):
         return False
-    names = ("spec", "anatomy", "trunk", "phases", "steps", "extension", "box")
+    names = ("spec", "anatomy", "trunk", "phases", "steps", "extension", "box", "start")
     return all(_equal(getattr(motion, name), getattr(built, name)) for name in names)
 
 

@@ -85,9 +85,9 @@ def _in_interval(
 def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = False) -> Loads:
     """Loads at time t in s, from those of the planned steps 1, 2, ...
 
-    At a time step they are the step's own, at rest weight alone. In between, each load follows its
-    phase's interpolation, from its value at the step before - or, if it jumps, from its value right
-    after the start of the phase; see `JumpSpec`.
+    At a time step they are the step's own, at time 0 weight alone. In between, each load follows
+    its phase's interpolation, from its value at the step before - or, if it jumps, from its value
+    right after the start of the phase; see `JumpSpec`.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _number(t: object) -> float:
 
 
 def planned_time(motion: Motion, count: int, t: float) -> float:
-    """Time t in s, moved to rest or one of `count` time steps if it differs by round-off only.
+    """Time t in s, moved to 0 or one of `count` time steps if it differs by round-off only.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def with_marks(times: np.ndarray, marks: Sequence[float], gap: float) -> np.ndar
 
 
 def _times(motion: Motion, count: int) -> np.ndarray:
-    """Times (count + 1,) in s of rest and the first time steps."""
+    """Times (count + 1,) in s of time step 0 and the first time steps."""
     return np.append(0.0, motion.times[:count])
 
 
@@ -195,7 +195,7 @@ def _starts(motion: Motion, count: int) -> list[int]:
 
 
 def _table(motion: Motion, planned: Sequence[Loads]) -> np.ndarray:
-    """Loads at rest and at the planned steps, split into `PARTS`: (steps + 1, 16)."""
+    """Loads at time 0 and at the planned steps, split into `PARTS`: (steps + 1, 16)."""
     table = np.zeros((len(planned) + 1, GRAVITY + 1))
     table[0, GRAVITY] = motion.gravity
     for row, load, step in zip(table[1:], planned, motion.steps, strict=False):

@@ -55,7 +55,7 @@ def mirrored_controls(trunk: Trunk, x: np.ndarray) -> np.ndarray:
 
 
 def mirrored_motion(motion: Motion) -> Motion:
-    """The motion with targets, loads and bounds mirrored.
+    """The motion with targets, loads, bounds and start mirrored.
 
     Raises
     ------
@@ -67,10 +67,12 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def is_symmetric(motion: Motion) -> bool:
-    """Whether a motion is its own mirror image: trunk, targets, loads and bounds, to round-off."""
+    """Whether a motion is its own mirror image to round-off: trunk, start, and all it asks for."""
     try:
         image = mirrored_motion(motion)
     except InputError:  # the trunk itself is not symmetric
+        return False
+    if not np.allclose(motion.start, image.start, rtol=0, atol=ROUND_OFF):
         return False
     units = _units(motion)
     return all(

@@ -16,6 +16,7 @@ from ..model.loads import Loads, Vector
 from ..model.solid_specs import CONTACT_KINDS
 from ..model.solids import Solid
 from .problem_file import ProblemSpec
+from .start import start_of, start_spec
 from .targets import HeldDirection, Target
 from .variants import contact_spec, limited_spec, shifted_spec, valid_spec
 
@@ -143,7 +144,7 @@ class Phase:
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Motion:
-    """A motion to plan. Time step 0 is the passive trunk: x = 0 under its weight alone.
+    """A motion to plan. Time step 0 is its `start`, under the trunk's weight alone.
 
     `spec` and `anatomy` define it; all else is built from them. So every variant edits the spec
     and builds it again, and can be saved and read back as the same motion.
@@ -152,6 +153,8 @@ class Motion:
     ----------
     box : Bounds
         Bounds of the whole motion, which phases narrow.
+    start : (muscles + 2,)
+        Activations and head angles (rad) of time step 0; zeros, which is rest, by default.
     builder : callable
         `build_motion`, which builds the variants.
     warnings : tuple of str
@@ -165,6 +168,7 @@ class Motion:
     steps: tuple[Step, ...]
     extension: tuple[float, float]
     box: Bounds
+    start: np.ndarray
     builder: Callable[[ProblemSpec, AnatomySpec], Motion]
     warnings: tuple[str, ...] = ()
 
@@ -178,7 +182,7 @@ class Motion:
 
     @property
     def gravity(self) -> float:
-        """Gravitational acceleration along +e_Z in m/s^2, at rest and at the first step."""
+        """Gravitational acceleration along +e_Z in m/s^2, at the start and at the first step."""
         return self.steps[0].loads.gravity
 
     @property
@@ -231,8 +235,8 @@ class Motion:
         activation : float, optional
             Largest |gamma| of any muscle.
         rate : float, optional
-            Largest |change of gamma| in 1/s, averaged over each time step, the one from rest to
-            step 1 included. A rate, not a change, because time steps differ in length. The
+            Largest |change of gamma| in 1/s, averaged over each time step, the one from the
+            start to step 1 included. A rate, not a change, because time steps differ in length. The
             interpolation within a step may be faster for a while, `cosine` by pi / 2.
 
         Raises
@@ -248,6 +252,30 @@ class Motion:
             self._check_limit(box, largest)
         fastest = math.inf if rate is None else rate
         return self.with_spec(limited_spec(self.spec, largest, fastest))
+
+    @check_arguments
+    def started(self, x0: np.ndarray) -> Motion:
+        """The same motion, started from activations and head angles instead of rest.
+
+        Its `start` has the same activations to the last bit. Head angles, which a spec has in
+        degrees, may differ in it.
+
+        Parameters
+        ----------
+        x0 : (muscles + 2,)
+            Activations, then psi_Z and psi_Y in rad, as in a row of `Plan.x`. They may be outside
+            the bounds of the motion, which count from step 1 on.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, values that are not finite, or activations that collapse a segment.
+        """
+        section = start_spec(x0, self.trunk)
+        index = {name: np.array([i]) for i, name in enumerate(self.trunk.muscles)}
+        start = start_of(section, self.trunk, index)
+        # All else is built from other sections. A control loop cannot wait until it is built again.
+        return replace(self, spec=self.spec.model_copy(update={"start": section}), start=start)
 
     @check_arguments
     def with_contact(self, kinds: str) -> Motion:

@@ -1,4 +1,4 @@
-"""Patterns of muscle names in bounds: `R1-dl`, `*3-dl`, `L*`."""
+"""Patterns of muscle names in bounds and starts: `R1-dl`, `*3-dl`, `L*`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_PATTERN_SHOWN = 200  # characters
 
 
 def matching_muscles(spec: ProblemSpec, muscles: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Indices of the muscles that each pattern of a problem's bounds matches.
+    """Indices of the muscles that each pattern of a problem's bounds and start matches.
 
     Raises
     ------
@@ -25,11 +25,11 @@ def matching_muscles(spec: ProblemSpec, muscles: tuple[str, ...]) -> dict[str, n
         If there are too many patterns for that many muscles.
     """
     sections = (spec.bounds, *(phase.bounds for phase in spec.phases))
-    keys = {key for section in sections for key in section.muscles}
+    keys = {key for section in sections for key in section.muscles} | set(spec.start.activation)
     patterns = {key for key in keys if set(key) & set("*?[")}
     if len(patterns) * len(muscles) > MAX_MATCHES:
         raise InputError(
-            f"bounds.muscles: {len(patterns):,} different patterns in all phases for "
+            f"bounds.muscles: {len(patterns):,} different patterns in all phases and the start for "
             f"{len(muscles):,} muscles; expected at most {MAX_MATCHES // len(muscles):,}. Write "
             "the muscles' names, or use patterns that match more of them."
         )

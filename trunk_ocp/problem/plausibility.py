@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from .._support.wording import rounded
-from ..model.activation import strain_matrix
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Vector, mass_beyond
 from ..model.overlaps import overlapping
+from .bound_plausibility import of_changes, of_start
 from .motion import Motion, Step
 from .problem_file import MAX_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
 from .solid_plausibility import of_mouth, of_obstacles
@@ -32,7 +32,6 @@ CUBIC_POINTS = 4  # control points of a cubic; a path with more may be meant as 
 LARGEST_LOAD = 100.0  # times E I / L^2, which bends the trunk to about its own length
 LONGEST_PHASE = 300.0  # s
 SMALLEST_ANGLE = 0.3  # degrees; smaller bounds look like radians
-BOUND_TOL = 1e-6
 OFF_STEP = 1e-4  # share of a step by which a way point may be off it
 
 Finding = tuple[str, object, str]
@@ -159,7 +158,8 @@ def _of_problem(motion: Motion) -> Iterator[Finding]:
                 key = f"{where}.targets[{n + 1}].through[1]"
                 yield from _first_way_point(target, phase, *pair, key, motion.tolerance[0])
         yield from _targets(phase, where, steps, motion)
-    yield from _impossible(motion)
+    yield from of_start(motion)
+    yield from of_changes(motion)
 
 
 def _limits(spec: LimitsSpec, where: str) -> Iterator[Finding]:
@@ -372,31 +372,3 @@ def _unreachable(away: float, reach: float) -> str:
         if 0.1 * reach < factor * away <= reach:
             return f"{text}; it looks like {unit}, write {factor:g} times the value for m"
     return f"{text}, so it will be missed"
-
-
-def _impossible(motion: Motion) -> Iterator[Finding]:
-    """Bounds that contradict each other, so that no plan can keep them."""
-    A = strain_matrix(motion.trunk)[:, 0]
-    names = (*motion.trunk.muscles, "head_z_deg", "head_y_deg")
-    low = high = np.zeros(len(names))  # range of each control, from rest on
-    for number, step in enumerate(motion.steps, 1):
-        low = np.maximum(low + step.change.lower, step.box.lower)
-        high = np.minimum(high + step.change.upper, step.box.upper)
-        where = f"phases[{step.phase + 1}]"
-        for i in np.flatnonzero(low > high + BOUND_TOL).tolist():
-            text = "its bounds cannot be reached by the changes allowed from rest on; no plan can"
-            yield f"{where}.change", names[i], f"at step {number}, {text} keep both"
-            return
-        least = 1 + np.minimum(A * low[:-2], A * high[:-2]).sum(axis=1)
-        most = 1 + np.maximum(A * low[:-2], A * high[:-2]).sum(axis=1)
-        outside = (least > motion.extension[1] + BOUND_TOL) | (
-            most < motion.extension[0] - BOUND_TOL
-        )
-        for i in np.flatnonzero(outside).tolist():
-            yield (
-                "bounds.extension",
-                motion.extension,
-                f"at step {number} the allowed activations make segment {i + 1} from "
-                f"{least[i]:.4g} to {most[i]:.4g} times as long; no plan can keep both",
-            )
-            return

@@ -292,6 +292,22 @@ class BoundsSpec(LimitsSpec):
         return self
 
 
+class StartSpec(Strict):
+    """Where the motion starts: activations and head angles at time 0, instead of rest.
+
+    The first step's bounds on change and the cost of rates count from there. At time 0 the trunk
+    carries its weight alone, as at rest.
+    """
+
+    activation: dict[str, Number] = Field(
+        default_factory=dict,
+        description="activations of muscles by name or pattern (R1-dl, *3-dl, L*); later ones "
+        "override earlier ones, and those left out are 0",
+    )
+    head_z_deg: Number = Field(default=0.0, description="head angle psi_Z, degrees")
+    head_y_deg: Number = Field(default=0.0, description="head angle psi_Y, degrees")
+
+
 class ChangeSpec(Strict):
     """Bounds on the change from one time step to the next (appendix B)."""
 
@@ -411,6 +427,9 @@ class ProblemSpec(Strict):
     )
     gravity: Number = Field(default=9.8, description="m/s^2, along +Z (down)")
     bounds: BoundsSpec = Field(description="bounds during the whole motion")
+    start: StartSpec = Field(
+        default=StartSpec(), description="where the motion starts, instead of rest"
+    )
     tolerance: ToleranceSpec = Field(
         default=ToleranceSpec(), description="when targets count as reached"
     )

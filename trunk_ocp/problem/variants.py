@@ -26,6 +26,7 @@ from .problem_file import (
     LoadsSpec,
     PhaseSpec,
     ProblemSpec,
+    StartSpec,
     TargetSpec,
     WrapSpec,
 )
@@ -36,6 +37,7 @@ Update = dict[str, Any]
 """Sections of a phase by their keys."""
 Section = TypeVar("Section", TargetSpec, WrapSpec)
 Limits = TypeVar("Limits", LimitsSpec, BoundsSpec)
+Value = TypeVar("Value", float, tuple[float, float])
 Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
 
 POINTS, CURVES = ("position", "center"), ("path", "through")
@@ -93,7 +95,9 @@ def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
         limited = phase.bounds.activation is not None or phase.bounds.muscles
         return {"bounds": silenced(phase.bounds)} if limited else {}
 
-    edited = _edited(spec, edit, bounds=silenced(spec.bounds))
+    resting = dict.fromkeys(muscles, 0.0) if spec.start.activation else {}
+    start = spec.start.model_copy(update={"activation": spec.start.activation | resting})
+    edited = _edited(spec, edit, bounds=silenced(spec.bounds), start=start)
     return valid_spec(edited, f"without {', '.join(muscles)}")
 
 
@@ -186,7 +190,9 @@ def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
     moved = _with_points(spec, _reflected)
     bounds = _mirrored_limits(spec.bounds, muscles)
     obstacles = tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles)
-    return valid_spec(_edited(moved, edit, bounds=bounds, obstacles=obstacles), "mirror")
+    start = _mirrored_start(spec.start, muscles)
+    edited = _edited(moved, edit, bounds=bounds, start=start, obstacles=obstacles)
+    return valid_spec(edited, "mirror")
 
 
 def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
@@ -307,12 +313,24 @@ def _mirrored_obstacle(obstacle: ObstacleSpec) -> ObstacleSpec:
 
 def _mirrored_limits(limits: Limits, muscles: tuple[str, ...]) -> Limits:
     """Bounds in the mirror: those of the muscles on the other side, and psi_Z reversed."""
-    pairs: dict[str, tuple[float, float]] = {}
-    for pattern, pair in limits.muscles.items():
-        for name in mirrored_pattern(pattern, muscles):
-            pairs.pop(name, None)  # keep the order, because later entries override
-            pairs[name] = pair
+    pairs = _on_other_side(limits.muscles, muscles)
     return _mirrored_angle(limits.model_copy(update={"muscles": pairs}))
+
+
+def _mirrored_start(start: StartSpec, muscles: tuple[str, ...]) -> StartSpec:
+    """A start in the mirror: activations of the muscles on the other side, and psi_Z reversed."""
+    activation = _on_other_side(start.activation, muscles)
+    return start.model_copy(update={"activation": activation, "head_z_deg": 0.0 - start.head_z_deg})
+
+
+def _on_other_side(values: Mapping[str, Value], muscles: tuple[str, ...]) -> dict[str, Value]:
+    """Values by name or pattern of the muscles on the other side."""
+    mirrored: dict[str, Value] = {}
+    for pattern, value in values.items():
+        for name in mirrored_pattern(pattern, muscles):
+            mirrored.pop(name, None)  # keep the order, because later entries override
+            mirrored[name] = value
+    return mirrored
 
 
 def _mirrored_angle(section: Angles) -> Angles:

@@ -1,4 +1,4 @@
-"""Key frames for files that blend between them: rest, the time steps, and some in between."""
+"""Key frames for files that blend between them: the start, the time steps, and some in between."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def check_steps(plan: Plan) -> None:
 
 
 def at_steps(plan: Plan) -> Keyframes:
-    """Rest and every planned step; where loads jump, also the trunk just after the jump."""
+    """The start and every planned step; where loads jump, also the trunk just after the jump."""
     return _keyframes(plan, _jumped(plan), [[] for _ in plan.x])
 
 
@@ -119,12 +119,12 @@ def _keyframes(
     jumped: Mapping[float, Sample],
     between: Sequence[Sequence[tuple[float, np.ndarray, Shape]]],
 ) -> Keyframes:
-    """Join rest, the steps, the key frames before each of them and those after jumps."""
+    """Join the start, the steps, the key frames before each of them and those after jumps."""
     check_steps(plan)
     steps = plan.times.tolist()
-    rest = plan.sample(0.0)
-    times, activation, held = [0.0], [rest.activation], [False]
-    shapes = [rest.shape]
+    start = plan.sample(0.0)
+    times, activation, held = [0.0], [start.activation], [False]
+    shapes = [start.shape]
     for i, (frames, hold) in enumerate(zip(between, _held(plan), strict=True)):
         after = jumped.get(steps[i])
         if after is not None:

@@ -74,9 +74,9 @@ def _shape(plan: Plan, time: float, after: bool) -> Shape | None:
         return plan.part(int(same[0]), int(same[0]) + 1)
     try:
         if time == 0 and not after:
-            trunk = plan.motion.trunk
-            rest = Loads(plan.motion.gravity)
-            return Shape.stack([solve_statics(trunk, np.zeros(len(trunk.muscles)), loads=rest)])
+            x0, weight = plan.motion.start, Loads(plan.motion.gravity)
+            start = solve_statics(plan.motion.trunk, x0[:-2], x0[-2:], loads=weight)
+            return Shape.stack([start])
         at = float(steps[same[0]]) if same.size else time
         return Shape.stack([plan.sample(at, after=after).shape])
     except TrunkError:

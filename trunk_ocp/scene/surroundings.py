@@ -24,7 +24,7 @@ MASS_DENSITY = 1000.0  # kg/m^3; nothing states the size of a tip mass, so it is
 class Log:
     """A cylinder along e_Y that the trunk wraps around.
 
-    radius and length in m; centers (H + 1, 3) in m, at rest and at each planned time step.
+    radius and length in m; centers (H + 1, 3) in m, at the start and at each planned time step.
     """
 
     radius: float
@@ -76,8 +76,8 @@ class Mark:
 def logs(plan: Plan) -> list[Log]:
     """Logs that a plan's motion wraps the trunk around (eqs. 46-54), one for each radius.
 
-    A log is there from rest to the end: before the trunk takes it and after it lets go, it lies
-    where it was.
+    A log is there from the start to the end: before the trunk takes it and after it lets go, it
+    lies where it was.
     """
     steps = [step.log for step in plan.motion.steps]
     placed = [log for log in steps if log is not None and log.center is not None]

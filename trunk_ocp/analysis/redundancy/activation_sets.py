@@ -40,9 +40,11 @@ class ActivationSet:
     matrix : (rank, muscles)
         Orthonormal rows that fix the strains of one step; usually of rank 4.
     difference : (n, n)
-        Change from the previous step; for the first step z itself, the change from rest.
+        Change from the previous step, plus `before`.
+    before : (n,)
+        Activations of time step 0 at the first time step, 0 elsewhere.
     bounded : (k,)
-        Rows of `difference` that have bounds.
+        Rows of `difference` that have bounds, `least` and `most`.
     """
 
     steps: np.ndarray
@@ -50,6 +52,7 @@ class ActivationSet:
     matrix: np.ndarray
     target: np.ndarray
     difference: sp.csr_array
+    before: np.ndarray
     bounded: np.ndarray
     least: np.ndarray
     most: np.ndarray
@@ -63,7 +66,7 @@ class ActivationSet:
 
     @cached_property
     def change(self) -> sp.csr_array:
-        """Changes that have bounds, (k, n)."""
+        """Rows of changes that have bounds, (k, n); see `difference`."""
         return self.difference[self.bounded]
 
     @property
@@ -136,6 +139,7 @@ def _cut(region: ActivationSet, first: int, last: int) -> ActivationSet:
         steps=region.steps[first:last],
         target=region.target[rank * first : rank * last],
         difference=region.difference[a:b, a:b],
+        before=region.before[a:b],
         bounded=region.bounded[inside] - a,
         least=region.least[inside],
         most=region.most[inside],
@@ -156,8 +160,11 @@ def _segment_region(plan: Plan, segment: int, steps: np.ndarray, joint: bool) ->
     difference = sp.csr_array(sp.eye_array(n) - sp.eye_array(n, k=-m))
     change = [motion.steps[t].change for t in steps.tolist()]
     held = np.array([joint and t not in plan.auxiliary for t in steps.tolist()])[:, None]
-    least = np.where(held, [box.lower[muscles] for box in change], -np.inf).ravel()
-    most = np.where(held, [box.upper[muscles] for box in change], np.inf).ravel()
+    before = np.zeros(n)
+    if joint:
+        before[:m] = motion.start[muscles]
+    least = np.where(held, [box.lower[muscles] for box in change], -np.inf).ravel() + before
+    most = np.where(held, [box.upper[muscles] for box in change], np.inf).ravel() + before
     bounded = np.flatnonzero(np.isfinite(least) | np.isfinite(most))
     dz = (difference @ z)[bounded]
     return ActivationSet(
@@ -166,6 +173,7 @@ def _segment_region(plan: Plan, segment: int, steps: np.ndarray, joint: bool) ->
         matrix,
         (x @ matrix.T).ravel(),
         difference,
+        before,
         bounded,
         np.minimum(least[bounded], dz),
         np.maximum(most[bounded], dz),

@@ -140,14 +140,16 @@ def _least(plan: Plan, region: ActivationSet, rate: float = 0.0) -> np.ndarray |
     per_change = sp.diags_array(np.repeat(rate / duration, len(region.muscles)))
     D = region.difference
     hessian = sp.csc_array(sp.eye_array(len(region.lower)) + D.T @ per_change @ D)
+    scale = np.abs(hessian).max()
     rows = sp.csc_array(sp.vstack([region.strain, region.change]))
     if np.any(region.lower > region.upper):
         return None
-    h, a = _matrix(hessian / np.abs(hessian).max()), _matrix(rows)
+    h, a = _matrix(hessian / scale), _matrix(rows)
     shape = {"h": h.sparsity(), "a": a.sparsity()}
     solver = ca.conic("least", "daqp", shape, DAQP | {"error_on_fail": False})
     result = solver(
         h=h,
+        g=-(D.T @ per_change @ region.before) / scale,
         a=a,
         lba=np.concatenate([region.target, region.least]),
         uba=np.concatenate([region.target, region.most]),
