@@ -170,8 +170,10 @@ class CondensedRods:
             at, rates, edges, inputs, states, centerline, slopes, inverses, maps, by_base, residual
         )
 
-    def newton_step(self, at: RodEquationsAt) -> tuple[np.ndarray, np.ndarray, float]:
-        """Simplified Newton step at other states, with the matrices of these.
+    def newton_step(
+        self, at: RodEquationsAt, rates: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Simplified Newton step at other states with those rates, with the matrices of these.
 
         Returns
         -------
@@ -180,7 +182,7 @@ class CondensedRods:
         residual : float
             Largest residual before the step.
         """
-        collocation, continuity = at.residuals(at.rates())
+        collocation, continuity = at.residuals(rates)
         H, E, d = collocation.shape[:3]
         ends = gauss(at.mesh.degree).value(1.0)[1:]
         fixed = -(self.inverses @ collocation.reshape(H, E, -1, 1)).reshape(collocation.shape)

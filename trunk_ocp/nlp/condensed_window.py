@@ -28,7 +28,7 @@ from .window import Window
 
 MAX_SETTLING = 8
 """Simplified Newton steps to equilibrium after a change of the controls."""
-SETTLED_TOL = 1e-9
+SETTLED_TOL = 1e-7
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
 
@@ -254,17 +254,23 @@ class CondensedWindow:
 
         By simplified Newton steps with the matrices of `rods`, a linearization nearby.
         """
-        full, before = full.copy(), np.inf
+        full, before, n = full.copy(), np.inf, self.x.shape[1]
         for _ in range(MAX_SETTLING):
             at = self._equations(full)
-            edges, inner, residual = rods.newton_step(at)
-            full[self._edges] += edges
-            full[self._inner] += inner
-            self._set_poses(full, self._equations(full).rates())
-            for reference, own in zip(self._references, self.held, strict=True):
-                full[own] = self._direction(full, reference)[0]
+            rates = at.rates()
+            self._set_poses(full, rates)
+            edges, inner, residual = rods.newton_step(at, rates)
+            if self.held.size:  # pulls along these directions move other rods
+                directions = np.ravel([self._direction(full, d)[0] for d in self._references])
+                change = directions - full[self.held.ravel()]
+                full[self.held.ravel()] = directions
+                edges += rods.edges[..., n:-1] @ change
+                inner += (rods.states @ (rods.inputs[..., n:-1] @ change)[:, :, None, :, None])[..., 0]
+                residual = max(residual, float(np.abs(change).max()))
             if residual <= SETTLED_TOL or not residual < before:
                 break
+            full[self._edges] += edges
+            full[self._inner] += inner
             before = residual
         return full, residual
 

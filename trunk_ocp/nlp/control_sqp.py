@@ -1,0 +1,164 @@
+"""Sequential quadratic programming in the controls, for plans that start near a solution.
+
+Each iteration solves one quadratic program (`control_qp`) with the exact Hessian, and brings the
+rods to equilibrium again. So every iterate is a plan that can be used, objectives compare, and a
+solve can be cut short at any time (real-time iteration: Diehl, Bock & Schloeder 2005).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..reporting import Progress, Reporter
+from .condensed_rods import IllConditionedError
+from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
+from .control_qp import ControlQP, QPError, QPStep
+from .outcome import CONVERGED_STATUSES, DEADLINE_PASSED, USER_STOPPED, FEASIBILITY_TOL, Outcome
+from .window import Window
+
+MAX_ITERATIONS = 50
+MAX_HALVINGS = 6
+"""Of a step that does not lower the objective, or after which rods find no equilibrium."""
+DECREASE_TOL = 1e-4
+"""Decrease of the objective that a further iteration expects, over the objective, of a solution."""
+ACCURACY_TOL = 1e-3
+"""Error of a convex model's objective, over the objective, after which its minimum is a solution."""
+SUFFICIENT_DECREASE = 1e-4
+STOPPED = "Maximum_Iterations_Exceeded"
+RESERVE = 1.2
+"""Time that must be left for another iteration, over that of the last one."""
+
+
+@dataclass(frozen=True, eq=False)
+class SQPPoint:
+    """A decision vector, with what the next solve needs.
+
+    Attributes
+    ----------
+    full : (variables,)
+    multipliers : (3 D,)
+        Of the equations of held directions.
+    forces : (variables,) or None
+        As in `CondensedWindow.model`.
+    """
+
+    full: np.ndarray
+    multipliers: np.ndarray
+    forces: np.ndarray | None = None
+
+
+class ControlSQP:
+    """Solves windows of one layout; see the module.
+
+    Raises
+    ------
+    IllConditionedError, QPError
+        `solve` raises them where the method does not apply: thin tips under load, bounds that
+        contradict each other. Ipopt may do better, or at least say why.
+    """
+
+    def __init__(self, window: Window) -> None:
+        self._condensed = CondensedWindow(window)
+        self._qp = ControlQP(self._condensed, window.motion)
+
+    def start(self, full: np.ndarray) -> SQPPoint:
+        """A point without knowledge from earlier solves."""
+        return SQPPoint(full, np.zeros(self._condensed.held.size))
+
+    def solve(
+        self,
+        window: Window,
+        point: SQPPoint,
+        deadline: float = math.inf,
+        reporter: Reporter | None = None,
+    ) -> tuple[Outcome, SQPPoint]:
+        """Minimize from a point, for a window that may differ in numbers from the first.
+
+        deadline : time of `time.perf_counter()` after which no iteration ends, if one has been.
+        """
+        condensed, reporter = self._condensed.renumbered(window), reporter or Reporter()
+        message, history, iteration, seconds = STOPPED, [], 0, 0.0
+        for iteration in range(1, MAX_ITERATIONS + 1):
+            began = time.perf_counter()
+            if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
+                message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
+                break
+            model = condensed.model(point.full, point.multipliers, point.forces)
+            x = model.full[condensed.x]
+            violation = max(self._qp.violation(window.motion, x), model.rods.residual)
+            history.append((model.objective, violation, math.nan))
+            feasible = violation <= FEASIBILITY_TOL
+            found = self._qp.solve(window.motion, model, x)
+            expected = _change(model, found.step)
+            if feasible and -expected <= DECREASE_TOL * abs(model.objective):
+                message = CONVERGED_STATUSES[0]
+                break
+            trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
+            if trial is None:
+                break
+            point, error = trial
+            self._report(window, reporter, point.full, iteration, violation)
+            seconds = time.perf_counter() - began
+            if feasible and found.convex and error <= ACCURACY_TOL:
+                message = CONVERGED_STATUSES[0]
+                break
+        return self._outcome(condensed, window, point, iteration, message), point
+
+    def _accepted(
+        self, condensed: CondensedWindow, model: QuadraticModel, found: QPStep, expected: float
+    ) -> tuple[SQPPoint, float] | None:
+        """The point after the largest share of a step that is accepted.
+
+        And the error of the model's objective there, relative; infinite after a part of the step.
+
+        expected : change of the objective by the model, which the step must achieve in part;
+            infinite if the step restores bounds, so that any is accepted.
+        """
+        for halving in range(MAX_HALVINGS + 1):
+            share = 0.5**halving
+            moved = condensed.moved(model, found.step, share)
+            full, residual = condensed.settled(moved, model.rods)
+            if not residual <= FEASIBILITY_TOL:
+                continue
+            objective = condensed.objective(full)
+            most = SUFFICIENT_DECREASE * share * expected
+            if objective - model.objective <= most:
+                forces = condensed.expected_forces(model, share * found.step)
+                error = abs(objective - model.objective - expected) / abs(objective)
+                error = error if share == 1 else math.inf
+                return SQPPoint(full, found.multipliers, forces), error
+        return None
+
+    def _report(
+        self, window: Window, reporter: Reporter, full: np.ndarray, iteration: int, violation: float
+    ) -> None:
+        first = window.offset + 1
+        last = window.offset + len(window.steps)
+        error = window.worst_error(full)
+        reporter.iteration(Progress("horizon", "re-plan", first, last, iteration, error, violation))
+
+    def _outcome(
+        self,
+        condensed: CondensedWindow,
+        window: Window,
+        point: SQPPoint,
+        iterations: int,
+        message: str,
+    ) -> Outcome:
+        full = point.full
+        violation = self._qp.violation(window.motion, full[condensed.x])
+        objective = condensed.objective(full)
+        return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+
+
+def _change(model: QuadraticModel, step: np.ndarray) -> float:
+    """Change of a model's objective by a step in z."""
+    H, n = model.links.shape
+    own, held = step[: H * n].reshape(H, n), step[H * n :]
+    local = np.concatenate([own, np.broadcast_to(held, (H, held.size))], axis=1)
+    bent = (local[:, None] @ model.blocks @ local[..., None]).sum() / 2
+    return float(model.gradient @ step + bent + np.sum(model.links[1:] * own[1:] * own[:-1]))
