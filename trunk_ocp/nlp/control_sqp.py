@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,15 @@ from ..reporting import Progress, Reporter
 from .condensed_rods import IllConditionedError
 from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
 from .control_qp import ControlQP, QPError, QPStep
-from .outcome import CONVERGED_STATUSES, DEADLINE_PASSED, USER_STOPPED, FEASIBILITY_TOL, Outcome
+from .ipopt import Optimizer
+from .outcome import (
+    CONVERGED_STATUSES,
+    DEADLINE_PASSED,
+    FEASIBILITY_TOL,
+    USER_STOPPED,
+    Outcome,
+    Solve,
+)
 from .window import Window
 
 MAX_ITERATIONS = 50
@@ -73,15 +82,22 @@ class ControlSQP:
         self,
         window: Window,
         point: SQPPoint,
-        deadline: float = math.inf,
-        reporter: Reporter | None = None,
+        deadline: float,
+        records: Optimizer,
     ) -> tuple[Outcome, SQPPoint]:
         """Minimize from a point, for a window that may differ in numbers from the first.
 
-        deadline : time of `time.perf_counter()` after which no iteration ends, if one has been.
+        Parameters
+        ----------
+        deadline : float
+            Time of `time.perf_counter()` before which iterations after the first must end.
+        records : Optimizer
+            Keeps the record and the totals of the solve, and has the reporter.
         """
-        condensed, reporter = self._condensed.renumbered(window), reporter or Reporter()
-        message, history, iteration, seconds = STOPPED, [], 0, 0.0
+        condensed, reporter = self._condensed.renumbered(window), records.reporter
+        message, iteration, seconds = STOPPED, 0, 0.0
+        history: list[tuple[float, float, float]] = []
+        start = time.perf_counter()
         for iteration in range(1, MAX_ITERATIONS + 1):
             began = time.perf_counter()
             if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
@@ -89,6 +105,7 @@ class ControlSQP:
                 break
             model = condensed.model(point.full, point.multipliers, point.forces)
             x = model.full[condensed.x]
+            records.derivative_seconds += time.perf_counter() - began
             violation = max(self._qp.violation(window.motion, x), model.rods.residual)
             history.append((model.objective, violation, math.nan))
             feasible = violation <= FEASIBILITY_TOL
@@ -106,7 +123,11 @@ class ControlSQP:
             if feasible and found.convex and error <= ACCURACY_TOL:
                 message = CONVERGED_STATUSES[0]
                 break
-        return self._outcome(condensed, window, point, iteration, message), point
+        outcome = self._outcome(condensed, window, point, iteration, message)
+        records.solve_seconds += time.perf_counter() - start
+        records.iterations += iteration
+        records.solves.append(_record(window, outcome, history))
+        return outcome, point
 
     def _accepted(
         self, condensed: CondensedWindow, model: QuadraticModel, found: QPStep, expected: float
@@ -153,6 +174,22 @@ class ControlSQP:
         violation = self._qp.violation(window.motion, full[condensed.x])
         objective = condensed.objective(full)
         return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+
+
+def _record(
+    window: Window, outcome: Outcome, history: Sequence[tuple[float, float, float]]
+) -> Solve:
+    last = window.offset + len(window.steps)
+    return Solve(
+        "horizon",
+        "re-plan",
+        window.offset + 1,
+        last,
+        outcome.message,
+        outcome.objective,
+        outcome.infeasibility,
+        tuple(history),
+    )
 
 
 def _change(model: QuadraticModel, step: np.ndarray) -> float:

@@ -98,6 +98,11 @@ class Outcome:
         return self.message in CONVERGED_STATUSES
 
     @property
+    def late(self) -> bool:
+        """Whether the deadline ended the solve."""
+        return self.message == DEADLINE_PASSED
+
+    @property
     def stopped(self) -> bool:
         """Whether the user or the deadline ended the solve."""
         return self.message in (USER_STOPPED, DEADLINE_PASSED)

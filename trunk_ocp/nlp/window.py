@@ -392,6 +392,16 @@ class Window:
             full[D] = rows[reference.step - self.offset, 0, reference.director]
         return full
 
+    def advanced(self, full: np.ndarray, count: int) -> np.ndarray:
+        """Decision vector whose steps are those `count` later; the last one fills the end."""
+        moved = full.copy()
+        last = len(self.steps) - 1
+        for t, u in enumerate(self.unknowns):
+            other = self.unknowns[min(t + count, last)]
+            for name in ("x", "strain", "mean", "tip_force", "edges", "inner", "line"):
+                moved[getattr(u, name)] = full[getattr(other, name)]
+        return moved
+
     def controls_of(self, full: np.ndarray) -> np.ndarray:
         """Activations and head angles of the steps, (H, muscles + 2)."""
         return np.stack([full[u.x] for u in self.unknowns])

@@ -253,8 +253,11 @@ class PlanningRun:
         decided.unloaded = window.controls_of(outcome.full)[0]
         return decided.unloaded
 
-    def plan(self, decided: DecidedSteps) -> Plan:
-        """The plan of the decided steps."""
+    def plan(self, decided: DecidedSteps, settled: bool = False) -> Plan:
+        """The plan of the decided steps.
+
+        settled : whether the rods are in equilibrium even if the solves did not converge.
+        """
         x = np.array(decided.x).reshape(-1, self.controls)
         forces = np.array(decided.tip_forces).reshape(-1, 3)
         loads = planned_loads(self.motion, forces)
@@ -262,7 +265,7 @@ class PlanningRun:
         rod = (self.mesh.elements, self.mesh.degree + 1, STATES)
         states = np.array(decided.states).reshape(-1, *rod)
         shape = shape_of_states(self.motion.trunk, self.mesh, x, loads, states)
-        if len(x) and not decided.converged:
+        if len(x) and not decided.converged and not settled:
             # Rods of an unconverged iterate are not in equilibrium; those of its activations are.
             with contextlib.suppress(StaticsError, InputError):
                 shape = self._shapes(x, list(loads))

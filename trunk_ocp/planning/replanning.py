@@ -1,11 +1,15 @@
-"""Fast re-planning after a small change of targets, loads or bounds."""
+"""Fast re-planning after a change of targets, loads, bounds or the current state."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
+from numbers import Integral
 from typing import Any
+
+import numpy as np
 
 from .._support.arguments import check_arguments
 from .._support.blas_threads import one_thread
@@ -13,8 +17,13 @@ from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
 from ..contact.exchange import rows_for
 from ..errors import InputError
+from ..nlp.condensed_rods import IllConditionedError
+from ..nlp.condensed_window import layout_of
+from ..nlp.control_qp import QPError
+from ..nlp.control_sqp import ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
+from ..nlp.outcome import Outcome
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -26,17 +35,21 @@ from .planning_run import PlanningRun
 
 
 class Replanner:
-    """Keeps a horizon's solver, solution and multipliers, and re-solves from there.
+    """Plans again from the last plan, in milliseconds: for controllers.
 
-    A motion that differs slightly takes a few iterations:
+    A motion that differs in numbers takes a few iterations of sequential quadratic programming in
+    the controls, each of which leaves a plan that can be used:
 
         again = Replanner(plan)
-        plan = again(moved_motion)
+        plan = again(moved_motion, initial=current, deadline=0.01)
+
+    Motions with gaps from bodies, and trunks too thin for this method, are planned by Ipopt, with
+    the multipliers of the last solve.
 
     Parameters
     ----------
     plan : Plan
-        A converged horizon plan; it is solved again to get the multipliers.
+        A converged horizon plan.
 
     Raises
     ------
@@ -59,24 +72,46 @@ class Replanner:
         self._optimizer = Optimizer(
             options.linear_solver, options.max_iterations, reporter or Reporter(), WARM_OPTIONS
         )
-        window, _ = self._window(plan.motion)
-        self._structure = window.structure
-        start = window.pack(plan.x, plan.shape)
-        self._last = self._optimizer.solve(window, start, "horizon", "multipliers")
+        self._motion, self._layout = plan.motion, layout_of(plan.motion)
+        self._window = self._new_window(plan.motion)
+        self._full = self._window.pack(plan.x, plan.shape)
+        self._multipliers: dict[str, Any] | None = None  # of Ipopt's last solve
+        self._sqp: ControlSQP | None = None
+        self._point: SQPPoint | None = None
+        if not self._window.gap_rows:
+            self._sqp = ControlSQP(self._window)
+            self._point = self._sqp.start(self._full)
+        self._by_any(self._window, np.inf)
 
     @check_arguments
-    def __call__(self, motion: Motion, throw: bool = True, deadline: float | None = None) -> Plan:
-        """Plan a motion of the same steps, kinds of targets and mesh as the last one.
+    def __call__(
+        self,
+        motion: Motion,
+        throw: bool = True,
+        deadline: float | None = None,
+        initial: np.ndarray | Sequence[float] | None = None,
+        advance: int = 0,
+    ) -> Plan:
+        """Plan a motion with the steps, mesh and kinds of targets of the last one.
 
         Threads take turns. Each re-plan starts from the last one that reached its targets, or else
-        from the plan of the constructor. One that runs out of time or iterations returns its last
-        iterate, which may violate bounds. Gaps from bodies are kept where the plan of the
-        constructor keeps them; one that comes too close elsewhere has the status COLLIDING.
+        from the plan of the constructor. One that runs out of time or iterations returns its newest
+        iterate, with status TIME_LIMIT or NOT_CONVERGED and its `infeasibility` in `solves`. Gaps
+        from bodies are kept where the plan of the constructor keeps them; one that comes too close
+        elsewhere has the status COLLIDING.
 
         Parameters
         ----------
+        motion
+            May differ in every number: targets, loads, stiffness, density, bounds, weights.
         throw, deadline
-            As in `plan_motion`.
+            As in `plan_motion`. An iteration that would pass the deadline is not begun, except for
+            the first.
+        initial : (muscles + 2,), optional
+            Activations and head angles of now, in place of those of the motion's `start`.
+        advance : int
+            Time steps by which the horizon has moved on since the last plan: it has lost so many at
+            its beginning, and gained as many at its end.
 
         Raises
         ------
@@ -87,66 +122,118 @@ class Replanner:
             re-planner that it reports on.
         """
         ends = time.perf_counter() + seconds_allowed(deadline)
+        if not isinstance(advance, Integral) or not 0 <= advance <= len(motion.steps):
+            raise InputError(f"advance = {advance!r}: expected a number of time steps.")
+        if initial is not None:
+            motion = motion.started(np.asarray(initial, dtype=float))
         with self._lock:
             if self._busy:
                 raise InputError("this Replanner is busy; a reporter needs a Replanner of its own.")
             self._busy = True
             try:
-                plan = self._replan(motion, ends)
+                plan = self._replan(motion, ends, int(advance))
             finally:
                 self._busy = False
         return plan.checked() if throw else plan
 
     @deferred_interrupts()
     @one_thread()
-    def _replan(self, motion: Motion, ends: float) -> Plan:
+    def _replan(self, motion: Motion, ends: float, advance: int) -> Plan:
         began = time.perf_counter()
-        optimizer, last = self._optimizer, self._last
+        optimizer = self._optimizer
         optimizer.deadline = ends
         solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
-        window, planner = self._window(motion)
-        if window.structure != self._structure:
-            raise InputError(
-                f"{motion.name}: differs from the planned motion in structure; expected "
-                "the same steps, target points and kinds of bounds. Use plan_motion."
-            )
-        outcome = optimizer.solve(
-            window, last.full, "horizon", "re-plan", last.multipliers, return_last=True
-        )
-        if outcome.converged and window.reached(outcome.full):
-            self._last = outcome
+        window = self._window_of(motion)
+        if advance:
+            self._full = window.advanced(self._full, advance)
+            self._point = self._sqp.start(self._full) if self._sqp else None
+        before = (self._full, self._point, self._multipliers)
+        outcome = self._by_any(window, ends)
+        if not (outcome.converged and window.reached(outcome.full)):
+            self._full, self._point, self._multipliers = before
         state = DecidedSteps()
-        planner.keep(window, outcome, len(motion.steps), state)
-        del optimizer.solves[:-1]  # else a control loop would keep them all
+        run = self._run(motion)
+        run.keep(window, outcome, len(motion.steps), state)
+        plan = run.plan(state, settled=self._multipliers is None)
+        solves = tuple(optimizer.solves[-1:])
+        optimizer.solves.clear()  # else a control loop would keep them all
         return replace(
-            planner.plan(state),
+            plan,
+            late=outcome.late,
             versions=versions(),
             options=asdict(self._options),
             iterations=outcome.iterations,
             solve_seconds=optimizer.solve_seconds - solve,
             derivative_seconds=optimizer.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
-            solves=tuple(optimizer.solves),
+            solves=solves,
         )
 
+    def _by_any(self, window: Window, ends: float) -> Outcome:
+        """Solve a window by SQP; by Ipopt where that does not apply, or does not converge."""
+        if self._sqp is not None and self._point is not None:
+            try:
+                outcome, point = self._sqp.solve(window, self._point, ends, self._optimizer)
+            except (IllConditionedError, QPError):
+                outcome = None
+            else:
+                self._full, self._multipliers = point.full, None
+                if outcome.converged or outcome.stopped:
+                    self._point = point
+                    return outcome
+        outcome = self._optimizer.solve(
+            window, self._full, "horizon", "re-plan", self._multipliers, return_last=True
+        )
+        self._full, self._multipliers = outcome.full, outcome.multipliers
+        if self._sqp is not None:
+            self._point = self._sqp.start(self._full)
+        return outcome
+
+    def _window_of(self, motion: Motion) -> Window:
+        """The window of a motion; builds it anew only where more than numbers changed."""
+        if layout_of(motion) != self._layout or not self._same_mesh(motion):
+            raise InputError(
+                f"{motion.name}: differs from the planned motion in structure; expected "
+                "the same steps, target points and kinds of bounds. Use plan_motion."
+            )
+        if self._window.gap_rows or motion.trunk != self._motion.trunk:
+            window = self._new_window(motion)
+            if window.bounds["lbx"].size != self._full.size:
+                raise InputError(
+                    f"{motion.name}: differs from the planned motion in structure; expected the "
+                    "same segments and muscles. Use plan_motion."
+                )
+            if not window.gap_rows:
+                self._sqp = ControlSQP(window)
+            self._window, self._motion = window, motion
+            return window
+        return self._window.renumbered(motion)
+
+    def _same_mesh(self, motion: Motion) -> bool:
+        """Whether the mesh fits a motion's trunk: its segments, and where contact starts."""
+        old, new = self._motion, motion
+        return (
+            old.trunk.length == new.trunk.length
+            and list(old.trunk.edges) == list(new.trunk.edges)
+            and old.contact_from == new.contact_from
+        )
+
+    def _new_window(self, motion: Motion) -> Window:
+        return self._run(motion).window(0, motion.steps, DecidedSteps())
+
+    def _run(self, motion: Motion) -> PlanningRun:
+        count, gaps = len(motion.steps), rows_for(motion, self._gaps)
+        options, optimizer = self._options, self._optimizer
+        return PlanningRun(motion, self._mesh, "horizon", count, options, optimizer, gaps=gaps)
+
     def __getstate__(self) -> dict[str, Any]:
-        """State for pickle and deepcopy: all but the solver, which the next call builds again."""
-        kept = {name: value for name, value in self.__dict__.items() if name != "_lock"}
+        """State for pickle and deepcopy: all but the solvers, which are built again."""
+        derived = ("_lock", "_window", "_sqp")
+        kept = {name: value for name, value in self.__dict__.items() if name not in derived}
         kept["_busy"] = False
         return {**kept, "_optimizer": replace(self._optimizer, _ready={}, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.RLock())
-
-    def _window(self, motion: Motion) -> tuple[Window, PlanningRun]:
-        count = len(motion.steps)
-        planner = PlanningRun(
-            motion,
-            self._mesh,
-            "horizon",
-            count,
-            self._options,
-            self._optimizer,
-            gaps=rows_for(motion, self._gaps),
-        )
-        return planner.window(0, motion.steps, DecidedSteps()), planner
+        self._window = self._new_window(self._motion)
+        self._sqp = None if self._window.gap_rows else ControlSQP(self._window)
