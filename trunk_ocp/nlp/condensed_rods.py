@@ -211,7 +211,9 @@ class CondensedRods:
             Its derivatives by r' at the Gauss points.
         """
         H, E, d = self.rates.shape[:3]
-        direct = by_states + (by_line[..., None, :] @ self.slopes[..., POSITION, :STATES])[..., 0, :]
+        direct = (
+            by_states + (by_line[..., None, :] @ self.slopes[..., POSITION, :STATES])[..., 0, :]
+        )
         inside = (direct[..., None, :] @ self.states[..., :STATES]).sum(axis=(2, 3))
 
         def adjoint(tip: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
 from ..model.activation import segment_at, segment_fractions, strain_matrix, strains
@@ -28,6 +27,8 @@ from .window import Window
 
 MAX_SETTLING = 8
 """Simplified Newton steps to equilibrium after a change of the controls."""
+MAX_RESIDUAL = 1.0
+"""Beyond which simplified Newton steps are not worth trying."""
 SETTLED_TOL = 1e-7
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
@@ -217,7 +218,9 @@ class CondensedWindow:
         """Update centerline, and poses of points, by the rates (H, E, d, 10)."""
         slopes = rates[..., POSITION]
         weights = gauss(self._mesh.degree).integral(1.0)
-        lengths = np.tensordot(weights, slopes, (0, 2)) * (self._mesh.widths / self._length)[:, None]
+        lengths = (
+            np.tensordot(weights, slopes, (0, 2)) * (self._mesh.widths / self._length)[:, None]
+        )
         origin = full[self._line[:, :1]]
         full[self._line] = np.concatenate([origin, lengths], axis=1).cumsum(axis=1)
         t, k = self._point_step, self._point_element
@@ -254,7 +257,7 @@ class CondensedWindow:
 
         By simplified Newton steps with the matrices of `rods`, a linearization nearby.
         """
-        full, before, n = full.copy(), np.inf, self.x.shape[1]
+        full, n = full.copy(), self.x.shape[1]
         for _ in range(MAX_SETTLING):
             at = self._equations(full)
             rates = at.rates()
@@ -265,13 +268,14 @@ class CondensedWindow:
                 change = directions - full[self.held.ravel()]
                 full[self.held.ravel()] = directions
                 edges += rods.edges[..., n:-1] @ change
-                inner += (rods.states @ (rods.inputs[..., n:-1] @ change)[:, :, None, :, None])[..., 0]
+                inner += (rods.states @ (rods.inputs[..., n:-1] @ change)[:, :, None, :, None])[
+                    ..., 0
+                ]
                 residual = max(residual, float(np.abs(change).max()))
-            if residual <= SETTLED_TOL or not residual < before:
+            if residual <= SETTLED_TOL or not residual <= MAX_RESIDUAL:
                 break
             full[self._edges] += edges
             full[self._inner] += inner
-            before = residual
         return full, residual
 
     def _direction(
@@ -402,9 +406,7 @@ class CondensedWindow:
             blocks[t] += changes[q].T @ second @ changes[q]
         return rows, rest
 
-    def _curvature(
-        self, rods: CondensedRods, head: np.ndarray, forces: np.ndarray
-    ) -> np.ndarray:
+    def _curvature(self, rods: CondensedRods, head: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Hessians (H, C + 1, C + 1) of poses, which forces on them weigh."""
         H, E, d = rods.rates.shape[:3]
         t, k = self._point_step, self._point_element
@@ -426,9 +428,7 @@ _NONE = np.zeros((1, 0))
 
 
 @lru_cache(maxsize=1024)
-def _pose_weights(
-    mesh: Mesh, length: float, Z: float
-) -> tuple[int, int, np.ndarray, np.ndarray]:
+def _pose_weights(mesh: Mesh, length: float, Z: float) -> tuple[int, int, np.ndarray, np.ndarray]:
     """How the pose at Z in m follows: its element, an edge, and weights of states and rates.
 
     The orientation is weights (d + 1) of the states at that edge and the element's Gauss points;

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..reporting import Progress, Reporter
-from .condensed_rods import IllConditionedError
 from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
-from .control_qp import ControlQP, QPError, QPStep
+from .control_qp import ControlQP, QPStep
 from .ipopt import Optimizer
 from .outcome import (
     CONVERGED_STATUSES,
@@ -92,13 +91,13 @@ class ControlSQP:
         deadline : float
             Time of `time.perf_counter()` before which iterations after the first must end.
         records : Optimizer
-            Keeps the record and the totals of the solve, and has the reporter.
+            Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
         message, iteration, seconds = STOPPED, 0, 0.0
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
-        for iteration in range(1, MAX_ITERATIONS + 1):
+        for iteration in range(1, min(MAX_ITERATIONS, records.max_iterations) + 1):
             began = time.perf_counter()
             if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
@@ -108,6 +107,7 @@ class ControlSQP:
             records.derivative_seconds += time.perf_counter() - began
             violation = max(self._qp.violation(window.motion, x), model.rods.residual)
             history.append((model.objective, violation, math.nan))
+            self._report(window, reporter, model.full, iteration - 1, violation)
             feasible = violation <= FEASIBILITY_TOL
             found = self._qp.solve(window.motion, model, x)
             expected = _change(model, found.step)
@@ -118,7 +118,6 @@ class ControlSQP:
             if trial is None:
                 break
             point, error = trial
-            self._report(window, reporter, point.full, iteration, violation)
             seconds = time.perf_counter() - began
             if feasible and found.convex and error <= ACCURACY_TOL:
                 message = CONVERGED_STATUSES[0]

@@ -155,8 +155,7 @@ class Replanner:
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
         plan = run.plan(state, settled=self._multipliers is None)
-        solves = tuple(optimizer.solves[-1:])
-        optimizer.solves.clear()  # else a control loop would keep them all
+        del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
             late=outcome.late,
@@ -166,7 +165,7 @@ class Replanner:
             solve_seconds=optimizer.solve_seconds - solve,
             derivative_seconds=optimizer.derivative_seconds - derivatives,
             total_seconds=time.perf_counter() - began,
-            solves=solves,
+            solves=tuple(optimizer.solves),
         )
 
     def _by_any(self, window: Window, ends: float) -> Outcome:
@@ -178,7 +177,8 @@ class Replanner:
                 outcome = None
             else:
                 self._full, self._multipliers = point.full, None
-                if outcome.converged or outcome.stopped:
+                used_up = outcome.iterations == self._optimizer.max_iterations
+                if outcome.converged or outcome.stopped or used_up:
                     self._point = point
                     return outcome
         outcome = self._optimizer.solve(

@@ -1,0 +1,144 @@
+"""SQP in the controls: solutions are Ipopt's, iterates keep every bound, solves may stop anywhere."""
+
+import time
+
+import casadi as ca
+import numpy as np
+import pytest
+from plans import first_steps, in_equilibrium
+from toys import TRUNK as SHORTENER
+from toys import C, shortening
+
+from trunk_ocp.nlp.condensed_window import CondensedWindow
+from trunk_ocp.nlp.control_qp import ControlQP, QPError, _is_convex, _made_convex
+from trunk_ocp.nlp.control_sqp import ControlSQP
+from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.rod.collocation import mesh_for
+
+
+def window_of(motion, elements=3, degree=4, weights=None):
+    mesh = mesh_for(motion.trunk, motion.contact_from, elements, degree)
+    weights = weights or Weights(1e-3, 1e-4)
+    return Window(motion, mesh, motion.steps, motion.start, {}, 0, weights)
+
+
+def packed(w, x):
+    return w.pack(x, in_equilibrium(w, x)[0])
+
+
+def solved(w, full, deadline=np.inf, **options):
+    return ControlSQP(w).solve(w, ControlSQP(w).start(full), deadline, Optimizer(**options))
+
+
+def test_a_plan_by_hand():
+    """Targets of a rod that only shortens: a quadratic program, solved in one iteration."""
+    wanted = [-0.1, -0.3, -0.2]
+    w = window_of(shortening(wanted, most=0.15), weights=Weights(0.0, 0.0))
+    outcome, _ = solved(w, packed(w, np.zeros((3, 4))))
+    assert outcome.converged
+    # Change bounds of 0.15 around 0, and the least-squares compromise with -0.3 in between.
+    gamma = w.controls_of(outcome.full)[:, :2]
+    np.testing.assert_allclose(gamma[:, 0], gamma[:, 1], atol=1e-6)
+    np.testing.assert_allclose(gamma[:, 0], [-0.12, -0.27, -0.2], atol=0.05)
+    assert C > 0
+    assert SHORTENER.length == 1.0
+
+
+@pytest.mark.parametrize("name", ["pick-fruit", "lift-log"])
+def test_solutions_are_ipopts(name):
+    """From nearby; pulls along a held direction, a wrap with curvature of either sign."""
+    motion = first_steps(name, 3)
+    w = window_of(motion)
+    reference = Optimizer().solve(w, packed(w, np.zeros((3, 30))), "horizon", "")
+    near = w.controls_of(reference.full) + 0.03 * np.random.default_rng(6).normal(size=(3, 30))
+    box = [(step.box.lower, step.box.upper) for step in motion.steps]
+    outcome, _ = solved(w, packed(w, np.clip(near, *np.swapaxes(box, 0, 1))))
+    assert outcome.converged
+    assert reference.converged
+    assert outcome.objective <= reference.objective * (1 + 1e-3)
+    evaluated = Optimizer().evaluate(w, outcome.full)
+    assert evaluated.objective == pytest.approx(outcome.objective, rel=1e-9)
+    assert evaluated.infeasibility <= 1e-6
+    assert evaluated.infeasibility <= outcome.infeasibility + 1e-9
+
+
+def test_every_iterate_is_a_plan_that_keeps_its_bounds():
+    w = window_of(first_steps("lift-log", 3))
+    full = packed(w, np.zeros((3, 30)))
+    objectives = [Optimizer().evaluate(w, full).objective]
+    for most in range(1, 6):
+        outcome, _ = solved(w, full, max_iterations=most)
+        assert not outcome.converged
+        evaluated = Optimizer().evaluate(w, outcome.full)
+        assert evaluated.infeasibility <= 1e-6
+        objectives.append(evaluated.objective)
+    assert np.all(np.diff(objectives) < 0)
+
+
+def test_a_deadline_in_the_past_still_allows_one_iteration():
+    w = window_of(first_steps("lift-log", 3))
+    full = packed(w, np.zeros((3, 30)))
+    outcome, _ = solved(w, full, deadline=time.perf_counter())
+    one, _ = solved(w, full, max_iterations=1)
+    assert outcome.late
+    np.testing.assert_array_equal(outcome.full, one.full)
+
+
+def test_quadratic_programs_are_solved_as_by_another_solver():
+    """Against Ipopt, on dense rows."""
+    w = window_of(first_steps("pick-fruit", 3))
+    condensed = CondensedWindow(w)
+    qp = ControlQP(condensed, w.motion)
+    x = np.zeros(condensed.x.shape)
+    model = condensed.model(packed(w, x), np.zeros(3))
+    found = qp.solve(w.motion, model, x)
+    blocks = model.blocks if found.convex else _made_convex(model.blocks, model.links)
+    (H, n), size = x.shape, condensed.size
+    hessian = np.zeros((size, size))
+    for t in range(H):
+        at = np.r_[t * n : t * n + n, H * n : size]
+        hessian[np.ix_(at, at)] += blocks[t]
+        if t:
+            hessian[at[:n], at[:n] - n] += model.links[t]
+            hessian[at[:n] - n, at[:n]] += model.links[t]
+    lower, upper, rows_lower, rows_upper = qp.bounds(w.motion, x)
+    A = np.vstack([qp._rows.toarray(), model.held_rows])
+    z = ca.MX.sym("z", size)
+    objective = ca.bilin(ca.DM(hessian), z) / 2 + ca.dot(model.gradient, z)
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes"}
+    solver = ca.nlpsol("qp", "ipopt", {"x": z, "f": objective, "g": ca.DM(A) @ z}, options)
+    rest = model.held_rest
+    bounds = {"lbg": np.append(rows_lower, rest), "ubg": np.append(rows_upper, rest)}
+    other = solver(lbx=lower, ubx=upper, **bounds)
+
+    def cost(step):
+        return step @ hessian @ step / 2 + model.gradient @ step
+
+    reference = np.asarray(other["x"]).ravel()
+    assert cost(found.step) == pytest.approx(cost(reference), rel=1e-5)
+    assert qp.violation(w.motion, found.step[: H * n].reshape(H, n)) <= 1e-8
+    np.testing.assert_allclose(model.held_rows @ found.step, model.held_rest, atol=1e-8)
+
+
+def test_convexity_is_found_and_made():
+    rng = np.random.default_rng(5)
+    links = -rng.random((4, 6))
+    links[0] = 0.0
+    square = rng.normal(size=(4, 6, 6))
+    blocks = square @ square.swapaxes(-1, -2) + 3 * np.eye(6)
+    assert _is_convex(blocks, links)
+    blocks[2, 3, 3] -= 20.0
+    assert not _is_convex(blocks, links)
+    mended = _made_convex(blocks, links)
+    assert _is_convex(mended + 1e-9 * np.eye(6), links)
+    curved = np.linalg.eigvalsh(blocks[[0, 1, 3]]).min()
+    assert curved > 0
+
+
+def test_bounds_that_contradict_each_other_are_reported():
+    w = window_of(shortening([-0.1, -0.3], most=0.1))
+    motion = w.motion.started(np.array([-0.9, -0.9, 0.0, 0.0]))
+    w = window_of(motion.limited(activation=0.2))
+    with pytest.raises(QPError):
+        solved(w, packed(w, np.zeros((2, 4))))
