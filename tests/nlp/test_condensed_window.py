@@ -1,4 +1,4 @@
-"""Condensed windows: the reduced derivatives are those of the full NLP, eliminated by dense solves."""
+"""Condensed windows have the reduced derivatives of the full NLP, by dense linear algebra."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""SQP in the controls: solutions are Ipopt's, iterates keep every bound, solves may stop anywhere."""
+"""SQP in the controls: solutions are Ipopt's, every iterate is a plan, solves may stop early."""
 
 import time
 

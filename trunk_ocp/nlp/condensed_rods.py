@@ -183,7 +183,7 @@ class CondensedRods:
             Largest residual before the step.
         """
         collocation, continuity = at.residuals(rates)
-        H, E, d = collocation.shape[:3]
+        H, E = collocation.shape[:2]
         ends = gauss(at.mesh.degree).value(1.0)[1:]
         fixed = -(self.inverses @ collocation.reshape(H, E, -1, 1)).reshape(collocation.shape)
         gaps = np.tensordot(ends, fixed, (0, 2)) + continuity
@@ -210,7 +210,7 @@ class CondensedRods:
         by_line : (H, E, d, 3)
             Its derivatives by r' at the Gauss points.
         """
-        H, E, d = self.rates.shape[:3]
+        H, E = self.rates.shape[:2]
         direct = (
             by_states + (by_line[..., None, :] @ self.slopes[..., POSITION, :STATES])[..., 0, :]
         )

@@ -9,7 +9,7 @@ from which sequential quadratic programming takes its steps. It has the solution
 from __future__ import annotations
 
 import copy
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from ..model.activation import segment_at, segment_fractions, strain_matrix, strains
 from ..problem.motion import Motion
-from ..problem.targets import HeldDirection
+from ..problem.targets import HeldDirection, Target
 from ..rod.collocation import Mesh, gauss
 from ..rod.equations import POSITION, STATES, is_hung, point_parameters
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
@@ -49,6 +49,9 @@ class QuadraticModel:
         Hessian by each control and the same one of the step before, or the start's.
     held_rows : (3 D, n), held_rest : (3 D,)
         Equations of the held directions, held_rows dz = held_rest.
+    rods : CondensedRods
+    targets : sequence of (variables, steps, gradients, changes of gradients)
+        Parts of the tracking cost, for `CondensedWindow.expected_forces`.
     """
 
     full: np.ndarray
@@ -59,7 +62,7 @@ class QuadraticModel:
     held_rows: np.ndarray
     held_rest: np.ndarray
     rods: CondensedRods
-    _targets: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
+    targets: Sequence[tuple[np.ndarray, ...]]
 
 
 def layout_of(motion: Motion) -> Hashable:
@@ -70,14 +73,19 @@ def layout_of(motion: Motion) -> Hashable:
     steps = []
     for step in motion.steps:
         targets = tuple(
-            (target.Z, target.frame, target.position is None)
-            + tuple((j, d if isinstance(d, HeldDirection) else None) for j, d, _ in target.pairs())
+            (target.Z, target.frame, target.position is None, *_kinds(target))
             for target in step.targets
         )
         pull = None if step.pull is None else step.pull[1]
         limited = step.change.limited.tobytes()
         steps.append((step.duration, targets, pull, is_hung(step.loads), limited))
     return motion.extension, tuple(steps)
+
+
+def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
+    """Directors with a direction, and where it is held from if it is not fixed."""
+    for j, direction, _ in target.pairs():
+        yield j, direction if isinstance(direction, HeldDirection) else None
 
 
 class CondensedWindow:
@@ -348,11 +356,12 @@ class CondensedWindow:
 
     def _tracking(
         self, full: np.ndarray, changes: np.ndarray
-    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, list[tuple[np.ndarray, ...]]]:
-        """Cost of targets: value, gradients, Hessians, forces, and the parts of `_targets`."""
+    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, Sequence[tuple[np.ndarray, ...]]]:
+        """Cost of targets: value, gradients, Hessians, forces, and `QuadraticModel.targets`."""
         H, C = len(self.x), self.local
         value, gradient, forces = 0.0, np.zeros((H, C)), np.zeros(full.size)
-        blocks, parts = np.zeros((H, C + 1, C + 1)), []
+        blocks = np.zeros((H, C + 1, C + 1))
+        parts: list[tuple[np.ndarray, ...]] = []
         for function, variables, parameters, steps in self._goals:
             w = full[variables]
             error, slope = first_derivatives(function, w, parameters)
@@ -369,12 +378,12 @@ class CondensedWindow:
     def expected_forces(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
         """Derivatives (variables,) of the targets' cost after a step in z, by the model."""
         forces, local = np.zeros(model.full.size), self._local(step)
-        for variables, steps, slope, bent in model._targets:
+        for variables, steps, slope, bent in model.targets:
             np.add.at(forces, variables, slope + (bent @ local[steps, :, None])[..., 0])
         return forces
 
     def _local(self, step: np.ndarray) -> np.ndarray:
-        """A step in z as local controls of each time step, and 1 for the Newton step, (H, C + 1)."""
+        """A step in z by local controls of each time step, and 1: the Newton step, (H, C + 1)."""
         H = len(self.x)
         held = np.broadcast_to(step[self.x.size :], (H, self.held.size))
         return np.concatenate(

@@ -32,9 +32,9 @@ MAX_ITERATIONS = 50
 MAX_HALVINGS = 6
 """Of a step that does not lower the objective, or after which rods find no equilibrium."""
 DECREASE_TOL = 1e-4
-"""Decrease of the objective that a further iteration expects, over the objective, of a solution."""
+"""A solution: the decrease of the objective that a further iteration expects, over it."""
 ACCURACY_TOL = 1e-3
-"""Error of a convex model's objective, over the objective, after which its minimum is a solution."""
+"""The minimum of a convex model is a solution: the model's error there, over the objective."""
 SUFFICIENT_DECREASE = 1e-4
 STOPPED = "Maximum_Iterations_Exceeded"
 RESERVE = 1.2

@@ -39,10 +39,10 @@ def _evaluated(function: ca.Function, arguments: Sequence[np.ndarray]) -> list[n
     outputs = [np.zeros((count, function.size1_out(i))) for i in range(function.n_out())]
     for i, row in enumerate(rows):
         if row.size:
-            buffer.set_arg(i, memoryview(row))
+            buffer.set_arg(i, memoryview(row))  # type: ignore
     for i, output in enumerate(outputs):
         if output.size:
-            buffer.set_res(i, memoryview(output))
+            buffer.set_res(i, memoryview(output))  # type: ignore
     evaluate()
     return outputs
 

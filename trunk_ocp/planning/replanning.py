@@ -173,14 +173,12 @@ class Replanner:
         if self._sqp is not None and self._point is not None:
             try:
                 outcome, point = self._sqp.solve(window, self._point, ends, self._optimizer)
-            except (IllConditionedError, QPError):
-                outcome = None
-            else:
-                self._full, self._multipliers = point.full, None
+                self._full, self._multipliers, self._point = point.full, None, point
                 used_up = outcome.iterations == self._optimizer.max_iterations
                 if outcome.converged or outcome.stopped or used_up:
-                    self._point = point
                     return outcome
+            except (IllConditionedError, QPError):
+                pass  # Ipopt may do better, or at least says which bounds are violated
         outcome = self._optimizer.solve(
             window, self._full, "horizon", "re-plan", self._multipliers, return_last=True
         )
