@@ -89,10 +89,10 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     """Against Ipopt, on dense rows."""
     w = window_of(first_steps("pick-fruit", 3))
     condensed = CondensedWindow(w)
-    qp = ControlQP(condensed, w.motion)
+    qp = ControlQP(condensed)
     x = np.zeros(condensed.x.shape)
     model = condensed.model(packed(w, x), np.zeros(3))
-    found = qp.solve(w.motion, model, x)
+    found = qp.solve(w, model, x)
     blocks = model.blocks if found.convex else _made_convex(model.blocks, model.links)
     (H, n), size = x.shape, condensed.size
     hessian = np.zeros((size, size))
@@ -102,7 +102,7 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
         if t:
             hessian[at[:n], at[:n] - n] += model.links[t]
             hessian[at[:n] - n, at[:n]] += model.links[t]
-    lower, upper, rows_lower, rows_upper = qp.bounds(w.motion, x)
+    lower, upper, rows_lower, rows_upper = qp.bounds(w, x)
     A = np.vstack([qp._rows.toarray(), model.held_rows])
     z = ca.MX.sym("z", size)
     objective = ca.bilin(ca.DM(hessian), z) / 2 + ca.dot(model.gradient, z)
@@ -117,7 +117,7 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
 
     reference = np.asarray(other["x"]).ravel()
     assert cost(found.step) == pytest.approx(cost(reference), rel=1e-5)
-    assert qp.violation(w.motion, found.step[: H * n].reshape(H, n)) <= 1e-8
+    assert qp.violation(w, found.step[: H * n].reshape(H, n)) <= 1e-8
     np.testing.assert_allclose(model.held_rows @ found.step, model.held_rest, atol=1e-8)
 
 

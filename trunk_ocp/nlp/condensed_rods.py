@@ -74,7 +74,7 @@ class RodEquationsAt:
     def residuals(self, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (H, E, d, 7) of collocation, and (H, E, 7) of continuity."""
         element = gauss(self.mesh.degree)
-        start, ends = element.value(1.0)[0], element.value(1.0)[1:]
+        start, ends = element.end[0], element.end[1:]
         collocation = (
             element.derivative[:, :1] * self.edges[:, :-1, None]
             + element.derivative[:, 1:] @ self.inner
@@ -154,7 +154,7 @@ class CondensedRods:
         right[..., STATES:INPUTS] = h * slopes[..., :STATES, STATES:]
         right[..., INPUTS] = -collocation
         states = (inverses @ right.reshape(H, E, d * STATES, INPUTS + 1)).reshape(right.shape)
-        start, ends = element.value(1.0)[0], element.value(1.0)[1:]
+        start, ends = element.end[0], element.end[1:]
         maps = np.tensordot(ends, states, (0, 2))
         maps[..., same, same] += start
         maps[..., INPUTS] += continuity
@@ -184,7 +184,7 @@ class CondensedRods:
         """
         collocation, continuity = at.residuals(rates)
         H, E = collocation.shape[:2]
-        ends = gauss(at.mesh.degree).value(1.0)[1:]
+        ends = gauss(at.mesh.degree).end[1:]
         fixed = -(self.inverses @ collocation.reshape(H, E, -1, 1)).reshape(collocation.shape)
         gaps = np.tensordot(ends, fixed, (0, 2)) + continuity
         edges = np.zeros((H, E + 1, STATES))
@@ -230,7 +230,7 @@ class CondensedRods:
         by_moment = adjoint(np.zeros((H, 3)))[:, 0, MOMENT, None]
         tip = np.linalg.solve(self.by_base[:, -1, MOMENT].swapaxes(-1, -2), -by_moment)[..., 0]
         by = adjoint(tip)
-        total = direct + gauss(self.at.mesh.degree).value(1.0)[1:, None] * by[:, 1:, None]
+        total = direct + gauss(self.at.mesh.degree).end[1:, None] * by[:, 1:, None]
         equations = -(total.reshape(H, E, 1, -1) @ self.inverses).reshape(direct.shape)
         weights = np.concatenate([-self.at.widths[:, None, None] * equations, by_line], axis=-1)
         return weights, by[:, 0, ORIENTATION]

@@ -138,10 +138,13 @@ class CondensedWindow:
         for t, u in enumerate(window.unknowns):
             for Z, (q, r) in u.points.items():
                 rows.append((t, q, r, *_pose_weights(window.mesh, window.length, Z)))
-        step, q, r, element, edge, of_states, of_rates = zip(*rows, strict=True)
-        self._point_step, self._point_element = np.array(step), np.array(element)
-        self._point_edge, self._q, self._r = np.array(edge), np.array(q), np.array(r)
-        self._of_states, self._of_rates = np.array(of_states), np.array(of_rates)
+        E, d, P = window.mesh.elements, window.mesh.degree, len(rows)
+        step, q, r, element, edge, of_states, of_rates = zip(*rows, strict=True) if P else 7 * ((),)
+        self._point_step, self._point_element = np.array(step, int), np.array(element, int)
+        self._point_edge = np.array(edge, int)
+        self._q, self._r = np.array(q, int).reshape(P, 4), np.array(r, int).reshape(P, 3)
+        self._of_states = np.array(of_states).reshape(P, d + 1)
+        self._of_rates = np.array(of_rates).reshape(P, E, d)
         self._step_of = np.zeros(window.bounds["lbx"].size, dtype=int)
         for t, u in enumerate(window.unknowns):
             for index in (u.x, *(part for pose in u.points.values() for part in pose)):
@@ -171,7 +174,7 @@ class CondensedWindow:
 
     def _set_numbers(self, window: Window) -> None:
         """Everything that may change from one motion to the next: targets, loads, the start."""
-        self._window, self._start = window, window.motion.start
+        self.window = window
         mesh, trunk, H = self._mesh, self._trunk, len(self.x)
         steps = window.steps
         hung = any(is_hung(step.loads) for step in steps)
@@ -185,10 +188,14 @@ class CondensedWindow:
         self._force = np.array([step.loads.tip_force for step in steps]) / window.force
         self._pull = np.zeros((H, 3, self.held.size))
         for t, step in enumerate(steps):
-            if step.pull is not None:
-                strength, held = step.pull
+            if step.pull is None:
+                continue
+            strength, held = step.pull
+            if held in window.held:
                 at = 3 * self._references.index(held)
                 self._pull[t, :, at : at + 3] = strength / window.force * np.eye(3)
+            else:
+                self._force[t] += strength / window.force * window.known[held]
         self._goals = [
             (function, variables.T, parameters.T, self._step_of[variables].max(axis=0))
             for function, variables, parameters in window.tracking()
@@ -225,7 +232,7 @@ class CondensedWindow:
     def _set_poses(self, full: np.ndarray, rates: np.ndarray) -> None:
         """Update centerline, and poses of points, by the rates (H, E, d, 10)."""
         slopes = rates[..., POSITION]
-        weights = gauss(self._mesh.degree).integral(1.0)
+        weights = gauss(self._mesh.degree).quadrature
         lengths = (
             np.tensordot(weights, slopes, (0, 2)) * (self._mesh.widths / self._length)[:, None]
         )
@@ -244,7 +251,7 @@ class CondensedWindow:
 
     def _quadratic(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Costs of the controls alone: value, and gradient (H, controls)."""
-        x = np.concatenate([self._start[None], x])
+        x = np.concatenate([self.window.before[None], x])
         change = self._diagonal * x
         change[1:] += self._links[1:] * x[:-1]
         change[:-1] += self._links[1:] * x[1:]
@@ -266,31 +273,32 @@ class CondensedWindow:
         By simplified Newton steps with the matrices of `rods`, a linearization nearby.
         """
         full, n = full.copy(), self.x.shape[1]
-        for _ in range(MAX_SETTLING):
+        for left in reversed(range(MAX_SETTLING)):
             at = self._equations(full)
             rates = at.rates()
-            self._set_poses(full, rates)
+            if self.held.size:
+                self._set_poses(full, rates)
             edges, inner, residual = rods.newton_step(at, rates)
             if self.held.size:  # pulls along these directions move other rods
                 directions = np.ravel([self._direction(full, d)[0] for d in self._references])
                 change = directions - full[self.held.ravel()]
                 full[self.held.ravel()] = directions
+                inputs = rods.inputs[..., n:-1] @ change
                 edges += rods.edges[..., n:-1] @ change
-                inner += (rods.states @ (rods.inputs[..., n:-1] @ change)[:, :, None, :, None])[
-                    ..., 0
-                ]
+                inner += (rods.states @ inputs[:, :, None, :, None])[..., 0]
                 residual = max(residual, float(np.abs(change).max()))
-            if residual <= SETTLED_TOL or not residual <= MAX_RESIDUAL:
+            if residual <= SETTLED_TOL or not residual <= MAX_RESIDUAL or not left:
                 break
             full[self._edges] += edges
             full[self._inner] += inner
+        self._set_poses(full, rates)
         return full, residual
 
     def _direction(
         self, full: np.ndarray, reference: HeldDirection
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Value (3,) of a held direction, derivative by its orientation q, and indices of q."""
-        q = self._window.unknowns[reference.step - self._window.offset].points[reference.Z][0]
+        q = self.window.unknowns[reference.step - self.window.offset].points[reference.Z][0]
         value, slope = first_derivatives(director(reference.director), full[q][None], _NONE)
         return value[0], slope[0], q
 
@@ -402,7 +410,7 @@ class CondensedWindow:
         n, first = self.x.shape[1], self.x.size
         rows, rest = np.zeros((self.held.size, self.size)), np.zeros(self.held.size)
         for i, reference in enumerate(self._references):
-            own, t = slice(3 * i, 3 * i + 3), reference.step - self._window.offset
+            own, t = slice(3 * i, 3 * i + 3), reference.step - self.window.offset
             d, slope, q = self._direction(full, reference)
             change, weights = slope @ changes[q], -multipliers[own]
             rows[own, first + 3 * i : first + 3 * i + 3] = np.eye(3)
@@ -446,7 +454,7 @@ def _pose_weights(mesh: Mesh, length: float, Z: float) -> tuple[int, int, np.nda
     element, h = gauss(mesh.degree), mesh.widths / length
     k, tau = (value.item() for value in mesh.locate(Z))
     before = np.arange(mesh.elements)[:, None] < k
-    of_rates = np.where(before, h[:, None] * element.integral(1.0), 0.0)
+    of_rates = np.where(before, h[:, None] * element.quadrature, 0.0)
     of_rates[k] = h[k] * element.integral(tau)
     if tau in (0.0, 1.0):
         return k, k + int(tau), np.eye(mesh.degree + 1)[0], of_rates

@@ -9,8 +9,8 @@ import piqp
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, cholesky_banded
 
-from ..problem.motion import Motion
 from .condensed_window import CondensedWindow, QuadraticModel
+from .window import Window
 
 QP_TOL = 1e-9
 """Largest violation of a row, and of stationarity relative to the Hessian's largest entry."""
@@ -47,7 +47,7 @@ class ControlQP:
     on controls, on their change, and on extensions. So every step keeps them.
     """
 
-    def __init__(self, condensed: CondensedWindow, motion: Motion) -> None:
+    def __init__(self, condensed: CondensedWindow) -> None:
         H, n = condensed.x.shape
         self._held = condensed.held.size
         i, j = np.triu_indices(n + self._held)
@@ -59,27 +59,27 @@ class ControlQP:
         slots, self._slot = np.unique(columns * condensed.size + rows, return_inverse=True)
         counts = np.bincount(slots // condensed.size, minlength=condensed.size)
         self._upper, self._pattern = (i, j), (slots % condensed.size, np.append(0, counts.cumsum()))
-        self._set_rows(condensed, motion)
+        self._set_rows(condensed)
 
-    def _set_rows(self, condensed: CondensedWindow, motion: Motion) -> None:
+    def _set_rows(self, condensed: CondensedWindow) -> None:
         """Rows of extensions and of changes, by the controls."""
         H, n = condensed.x.shape
         head = np.zeros((len(condensed.extension), 2))
         extension = sp.kron(sp.eye(H), np.hstack([condensed.extension, head]))
         change = (sp.eye(H * n) - sp.eye(H * n, k=-n)).tocsr()
-        limited = [t * n + step.change.limited for t, step in enumerate(motion.steps)]
+        limited = [t * n + step.change.limited for t, step in enumerate(condensed.window.steps)]
         self._limited = np.concatenate(limited).astype(int)
         rows = sp.vstack([extension, change[self._limited]])
         self._rows = sp.csc_matrix(sp.hstack([rows, sp.csc_matrix((rows.shape[0], self._held))]))
 
-    def bounds(self, motion: Motion, x: np.ndarray) -> tuple[np.ndarray, ...]:
+    def bounds(self, window: Window, x: np.ndarray) -> tuple[np.ndarray, ...]:
         """Bounds on steps from controls x (H, controls): lower and upper of z, and of the rows."""
-        steps, (low, high) = motion.steps, motion.extension
+        steps, (low, high) = window.steps, window.motion.extension
         free = np.full(self._held, np.inf)
         lower = np.append(np.ravel([step.box.lower for step in steps]) - x.ravel(), -free)
         upper = np.append(np.ravel([step.box.upper for step in steps]) - x.ravel(), free)
         change = np.array([[s.change.lower for s in steps], [s.change.upper for s in steps]])
-        change[:, 0] += motion.start
+        change[:, 0] += window.before
         least, most = change.reshape(2, -1)[:, self._limited]
         now = self._rows[:, : x.size] @ x.ravel()
         extensions = np.ones(now.size - least.size)
@@ -87,13 +87,13 @@ class ControlQP:
         rows_upper = np.append((high - 1) * extensions, most) - now
         return lower, upper, rows_lower, rows_upper
 
-    def violation(self, motion: Motion, x: np.ndarray) -> float:
+    def violation(self, window: Window, x: np.ndarray) -> float:
         """Largest violation of a bound by controls x (H, controls)."""
-        lower, upper, rows_lower, rows_upper = self.bounds(motion, x)
+        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         parts = (lower, -upper, rows_lower, -rows_upper)
         return max(float(part.max(initial=0.0)) for part in parts)
 
-    def solve(self, motion: Motion, model: QuadraticModel, x: np.ndarray) -> QPStep:
+    def solve(self, window: Window, model: QuadraticModel, x: np.ndarray) -> QPStep:
         """Minimize a model from controls x (H, controls), made convex if it is not.
 
         Raises
@@ -108,7 +108,7 @@ class ControlQP:
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)
         n = model.gradient.size
-        lower, upper, rows_lower, rows_upper = self.bounds(motion, x)
+        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL

@@ -28,6 +28,8 @@ from .outcome import (
 )
 from .window import Window
 
+LABEL = ("horizon", "re-plan")
+"""Stage and detail of progress reports and records."""
 MAX_ITERATIONS = 50
 MAX_HALVINGS = 6
 """Of a step that does not lower the objective, or after which rods find no equilibrium."""
@@ -71,7 +73,7 @@ class ControlSQP:
 
     def __init__(self, window: Window) -> None:
         self._condensed = CondensedWindow(window)
-        self._qp = ControlQP(self._condensed, window.motion)
+        self._qp = ControlQP(self._condensed)
 
     def start(self, full: np.ndarray) -> SQPPoint:
         """A point without knowledge from earlier solves."""
@@ -105,11 +107,11 @@ class ControlSQP:
             model = condensed.model(point.full, point.multipliers, point.forces)
             x = model.full[condensed.x]
             records.derivative_seconds += time.perf_counter() - began
-            violation = max(self._qp.violation(window.motion, x), model.rods.residual)
+            violation = max(self._qp.violation(window, x), model.rods.residual)
             history.append((model.objective, violation, math.nan))
-            self._report(window, reporter, model.full, iteration - 1, violation)
+            _report(window, reporter, model.full, iteration - 1, violation)
             feasible = violation <= FEASIBILITY_TOL
-            found = self._qp.solve(window.motion, model, x)
+            found = self._qp.solve(window, model, x)
             expected = _change(model, found.step)
             if feasible and -expected <= DECREASE_TOL * abs(model.objective):
                 message = CONVERGED_STATUSES[0]
@@ -153,14 +155,6 @@ class ControlSQP:
                 return SQPPoint(full, found.multipliers, forces), error
         return None
 
-    def _report(
-        self, window: Window, reporter: Reporter, full: np.ndarray, iteration: int, violation: float
-    ) -> None:
-        first = window.offset + 1
-        last = window.offset + len(window.steps)
-        error = window.worst_error(full)
-        reporter.iteration(Progress("horizon", "re-plan", first, last, iteration, error, violation))
-
     def _outcome(
         self,
         condensed: CondensedWindow,
@@ -170,20 +164,28 @@ class ControlSQP:
         message: str,
     ) -> Outcome:
         full = point.full
-        violation = self._qp.violation(window.motion, full[condensed.x])
+        violation = self._qp.violation(window, full[condensed.x])
         objective = condensed.objective(full)
         return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+
+
+def _report(
+    window: Window, reporter: Reporter, full: np.ndarray, iteration: int, violation: float
+) -> None:
+    first, last = window.offset + 1, window.offset + len(window.steps)
+    error = window.worst_error(full)
+    reporter.iteration(Progress(*LABEL, first, last, iteration, error, violation))
 
 
 def _record(
     window: Window, outcome: Outcome, history: Sequence[tuple[float, float, float]]
 ) -> Solve:
-    last = window.offset + len(window.steps)
+    stage, detail = LABEL
     return Solve(
-        "horizon",
-        "re-plan",
+        stage,
+        detail,
         window.offset + 1,
-        last,
+        window.offset + len(window.steps),
         outcome.message,
         outcome.objective,
         outcome.infeasibility,

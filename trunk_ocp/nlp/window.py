@@ -127,7 +127,7 @@ class Window:
         gaps: Mapping[int, tuple[GapRow, ...]] | None = None,
     ) -> None:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
-        self.known, self._previous, self._weights = held, previous, weights
+        self.known, self.before, self._weights = held, previous, weights
         trunk = motion.trunk
         units = units_of(trunk)
         self.length, self.moment, self.force = units.length, units.moment, units.force
@@ -164,14 +164,13 @@ class Window:
         return self._builder.blocks
 
     def renumbered(self, motion: Motion) -> Window:
-        """The window of a motion of the same structure, with other targets, loads and bounds.
+        """The window of a whole motion of the same structure: other targets, loads, bounds, start.
 
         Its decision vector has the same layout. The NLP is built only if it is asked for, so that
         a re-planner which does not need it saves the time.
         """
         other = copy.copy(self)
-        other.motion = motion
-        other.steps = motion.steps[self.offset : self.offset + len(self.steps)]
+        other.motion, other.steps, other.before = motion, motion.steps, motion.start
         for name in ("_builder", "bounds", "parameters", "nlp", "structure", "_tracked"):
             vars(other).pop(name, None)
         return other
@@ -179,8 +178,7 @@ class Window:
     @cached_property
     def _builder(self) -> NLPBuilder:
         """Variables, rows and terms; see `renumbered`."""
-        previous = self.motion.start if not self.offset else self._previous
-        arguments = (self.motion, self.mesh, self.steps, previous, self.known, self.offset)
+        arguments = (self.motion, self.mesh, self.steps, self.before, self.known, self.offset)
         return Window(*arguments, self._weights, self._gaps)._builder
 
     @cached_property

@@ -35,6 +35,16 @@ class Gauss:
     nodes: np.ndarray
     derivative: np.ndarray
 
+    @cached_property
+    def end(self) -> np.ndarray:
+        """Weights (d + 1,) that give the state at the right end, `value(1.0)`."""
+        return self.value(1.0)
+
+    @cached_property
+    def quadrature(self) -> np.ndarray:
+        """Weights (d,) of the quadrature over the element, `integral(1.0)`."""
+        return self.integral(1.0)
+
     def value(self, tau: np.ndarray | float) -> np.ndarray:
         """Weights (..., d + 1) that give a state at tau from its values at 0 and the nodes."""
         return _lagrange(np.append(0.0, self.nodes), np.asarray(tau, dtype=float))
