@@ -40,7 +40,7 @@ def wrongs(problem: Table, plan: Plan) -> list[str]:
     near = tolerance.get("position", 0.02), tolerance.get("direction", 0.05)
     Z = np.unique([0.0, trunk.length, *_points(problem, trunk)])
     frames: list[np.ndarray] = []
-    before = np.zeros(plan.x.shape[1])
+    before = _start(problem, trunk)
     steps = list(_steps(problem))
     if len(steps) != len(plan.x):
         return [f"{len(plan.x)} of {len(steps)} steps are planned"]
@@ -67,6 +67,15 @@ def wrongs(problem: Table, plan: Plan) -> list[str]:
         found += [f"{where}: {text}" for text in bounds.wrongs(phase, i, x, before, plan.mode)]
         before = x
     return found
+
+
+def _start(problem: Table, trunk: Trunk) -> np.ndarray:
+    """Activations and head angles, in rad, before the first step."""
+    start, x = problem.get("start", {}), np.zeros(len(trunk.muscles) + 2)
+    for pattern, value in start.get("activation", {}).items():
+        x[[fnmatch.fnmatchcase(name, pattern) for name in (*trunk.muscles, "", "")]] = value
+    x[-2:] = np.radians([start.get("head_z_deg", 0.0), start.get("head_y_deg", 0.0)])
+    return x
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> float:

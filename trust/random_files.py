@@ -198,6 +198,15 @@ def limits(draw: st.DrawFn, names: list[str]) -> Table:
 
 
 @st.composite
+def starts(draw: st.DrawFn, names: list[str]) -> Table:
+    """A state near rest, of some muscles and the head; within most bounds."""
+    found: Table = {angle: draw(numbers(-5.0, 5.0)) for angle in ("head_z_deg", "head_y_deg")}
+    if names:
+        found["activation"] = {draw(st.sampled_from([*names, "*"])): draw(numbers(-0.3, 0.05))}
+    return found
+
+
+@st.composite
 def problems(draw: st.DrawFn, anatomy: Table | None) -> Table:
     """A well-formed problem of 1 to 4 steps, for an anatomy or, with None, the elephant."""
     L = ELEPHANT_LENGTH if anatomy is None else anatomy["length"]
@@ -238,6 +247,7 @@ def problems(draw: st.DrawFn, anatomy: Table | None) -> Table:
             )
         phases.append(phase)
         step += steps
+    start = draw(starts(names)) if draw(st.integers(0, 3)) == 0 else None
     return {
         "name": "study",
         "gravity": draw(st.sampled_from([9.8, 9.8, 0.0, -9.8])),
@@ -246,7 +256,9 @@ def problems(draw: st.DrawFn, anatomy: Table | None) -> Table:
             st.sampled_from([{}, {"position": 0.1 * L, "direction": 0.5}, {"position": 1e-9}])
         ),
         "phases": phases,
-    } | ({} if anatomy is None else {"anatomy": "arm.toml"})
+        **({} if start is None else {"start": start}),
+        **({} if anatomy is None else {"anatomy": "arm.toml"}),
+    }
 
 
 def muscle_names(anatomy: Table) -> list[str]:

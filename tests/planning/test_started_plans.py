@@ -2,9 +2,11 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from dense_contact import deepest
 from reaching import BALL, reaching
 from scenes import TRUNK as ARM_TRUNK
 from toys import TRUNK, shortening
@@ -248,6 +250,26 @@ def test_a_body_where_the_trunk_starts_is_found_and_one_where_it_rests_is_not():
         here = reaching([{"Z": 1.0, "position": (0.5, 0.0, 0.5)}], {"obstacles": True}, [ball])
         found = [bool(stuck_at_start(one)) for one in (here, here.started(x0))]
         assert tuple(found) == stuck
+
+
+def test_the_way_from_the_start_to_the_first_step_is_looked_at():
+    """A ball beside the trunk halfway is found, as deep in it as dense samples show."""
+    target = [{"Z": 1.0, "position": (0.3, -0.25, 0.85)}]
+    x0 = np.array([-0.4, 0.0, -0.4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0])
+    blind = plan_motion(arm(target, interpolation="cosine"), initial=x0)
+    half, near = blind.sample(0.5).shape, np.array([0.9])
+    beside = half.position(near)[0] + 0.058 * half.directors(near)[0, 0]
+    ball = BALL | {"center": tuple(beside.tolist()), "radius": 0.03}
+    motion = reaching(target, {"obstacles": True}, [ball], interpolation="cosine").started(x0)
+    there = replace(blind, motion=motion)
+    depth, _ = deepest(there, between=32)
+    (gap,) = [gap for gap in there.clearance.between if gap.body == "ball"]
+    assert depth > 0.005
+    assert gap.bound <= -depth <= gap.gap <= 5e-3 - depth
+    plan = plan_motion(motion, throw=False)  # which adds time steps, to get around it
+    np.testing.assert_array_equal(plan.motion.start, motion.start)
+    assert plan.status is Status.SOLVED
+    assert deepest(plan)[0] < 1e-4
 
 
 # --- analysis ------------------------------------------------------------------------------
