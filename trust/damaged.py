@@ -10,6 +10,7 @@ in the folder, nor beside it, may change.
 from __future__ import annotations
 
 import argparse
+import copy
 import faulthandler
 import io
 import json
@@ -155,7 +156,7 @@ def edited(record: Any, dice: random.Random) -> Any:
         elif how == "add" and isinstance(owner, dict):
             owner[dice.choice(["output_file", "ipopt.output_file", "__class__", "\x1b[2J"])] = "x"
         else:
-            owner[last] = hostile(dice)
+            owner[last] = copy.deepcopy(hostile(dice))  # never the same object inside itself
     return record
 
 
