@@ -39,7 +39,7 @@ def uncheckable(monkeypatch):
     def fail(*_):
         raise AssertionError("checked too early")
 
-    for name in ("verify", "buckling_margin"):
+    for name in ("verify", "all_stable", "buckling_margin"):
         monkeypatch.setattr(plan_module, name, fail)
 
 

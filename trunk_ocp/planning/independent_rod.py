@@ -78,6 +78,7 @@ class Rods:
         self.couple = (self.touching * couple / self.spread)[:, None]
         lever = np.array([load.contact_lever for load in loads])
         self.hung = (self.touching * lever / self.spread) * self.log
+        self.has_couple, self.is_hung = bool(self.couple.any()), bool(self.hung.any())
 
     def sections(self, Z: np.ndarray) -> Sections:
         """The rods' cross sections at points Z (..., n) in m."""
@@ -129,9 +130,9 @@ class Sections:
         dm = changes[:, 3]
         dm[0] += zeta * n[1]
         dm[1] -= zeta * n[0]
-        if rods.couple.any():
+        if rods.has_couple:
             dm -= (d * rods.couple).sum(axis=1)
-        if rods.hung.any():
+        if rods.is_hung:
             couple = np.empty_like(d[1])
             _cross(d[1], np.broadcast_to(rods.hung, d[1].shape), couple)
             dm -= (d * couple).sum(axis=1)

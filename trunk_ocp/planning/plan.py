@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.blas_threads import one_thread
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
@@ -22,7 +23,7 @@ from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
-from ..rod.buckling import Stability, buckling_margin
+from ..rod.buckling import Stability, all_stable, buckling_margin
 from ..rod.collocation import Mesh
 from ..rod.flutter import MODES as VIBRATION_MODES
 from ..rod.flutter import Flutter, flutter
@@ -224,6 +225,7 @@ class Plan:
         return verify(self.motion, self.x, self.loads, self.shape, self.auxiliary)
 
     @cached_property
+    @one_thread()
     def stability(self) -> Stability:
         """Whether each planned shape is stable, (H,)."""
         return buckling_margin(self.shape, self.activations, self.loads)
@@ -357,13 +359,14 @@ class Plan:
         return None
 
     @cached_property
+    @one_thread()
     def _checked_status(self) -> Status:
         """Status of a converged plan by its checks."""
         if self.verification.faults:
             return Status.UNVERIFIED
         if self.collisions:
             return Status.COLLIDING
-        if not np.all(self.stability.stable):
+        if not all_stable(self.shape, self.activations, self.loads):
             return Status.UNSTABLE
         return Status.MISSED if self.missed else Status.SOLVED
 
