@@ -207,7 +207,7 @@ def integrate(
             y = y.reshape(15, 1, H) * unit
             return (rods.sections(np.full(H, at)).rates(y) / unit).ravel()
 
-        result = _dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes)
+        result = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes)
         if result is None:
             break  # NaN from here on fails the check
         values[inside] = result[0].reshape(-1, 15, 1, H)
@@ -217,12 +217,12 @@ def integrate(
     return path
 
 
-def _dop853(
+def dop853(
     slope: Callable[[float, np.ndarray], np.ndarray],
     ends: tuple[float, float],
     start: np.ndarray,
     at: np.ndarray,
-    max_slopes: int,
+    max_slopes: int = MAX_SLOPES,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Values (points, n) at sorted points, and those (n,) at the end.
 

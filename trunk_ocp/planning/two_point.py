@@ -39,7 +39,7 @@ MAX_ROWS = 4000  # intervals of rods that are solved together, to limit memory
 MAX_ITERATIONS = 10
 STEP_TOL = 1e-8  # of the last Newton step, rad and in local units of moment
 REUSE_STEP = 1e-3  # Newton step up to which tangents are used again
-MAX_STEP = 1e6  # Newton step of a rod that diverges
+MAX_STEP = 10.0  # Newton step of a rod that diverges; right plans take 1e-4
 NUDGE = 1e-6  # of the differences that make tangents
 
 EIGHTH, DENSE = 12, 16
@@ -96,7 +96,8 @@ def _solve_some(
         if not np.any(rough):
             break
         nodes = np.union1d(nodes, (nodes[:-1] + np.diff(nodes) / 2)[rough])
-    return path.fill(some, rods.solve(path.Z))
+    path.fill(some, rods.solve(path.Z))
+    return None
 
 
 class _TwoPoint:
@@ -114,6 +115,8 @@ class _TwoPoint:
         Directors and moment (N m) at the nodes, which Newton's method improves; m at the tip is 0.
     h : (rows,)
         Lengths of the steps in m.
+    unit : (15, 1, rows)
+        Of the components of states, in which errors compare.
     starts : (15, 1, rows)
         States at the left ends, with r = 0.
     changes : (16, 15, 1, rows)
@@ -136,9 +139,11 @@ class _TwoPoint:
         rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), row_loads, left + self.h / 2)
         self.sections = rods.sections(left + _C[:, None] * self.h)
         self.rk4_sections = rods.sections(left + _RK4_C[:, None] * self.h)
-        self.d, self.m = shape.directors(nodes), shape.moment(nodes)
+        self.d, self.m = shape.frames(nodes)
         self.r0, self.d[:, 0] = base_frames(trunk, x[:, -2:])
         self.m[:, -1] = 0.0
+        bend = np.tile(units[:-1], H)[:, None] * np.ones(3)
+        self.unit = packed(self.h[:, None] * np.ones(3), np.ones((H * K, 3, 3)), bend)[:, None]
         self.changes = np.empty((DENSE, 15, 1, H * K))
         self._march()
 
@@ -164,13 +169,8 @@ class _TwoPoint:
 
     def error(self) -> np.ndarray:
         """Estimated errors (H, K) of the steps, in rad and local units, as DOP853 makes them."""
-        unit = packed(
-            np.repeat(self.h[:, None], 3, axis=1),
-            np.ones((self.h.size, 3, 3)),
-            np.tile(self.units[:-1], len(self.m))[:, None] * np.ones(3),
-        )
         fifth, third = (
-            np.mean((_weighted(E[:EIGHTH], self.changes)[:, 0] / unit) ** 2, axis=0)
+            np.mean((_weighted(E[:EIGHTH], self.changes) / self.unit) ** 2, axis=0)
             for E in (DOP853.E5, DOP853.E3)
         )
         error = fifth / np.sqrt(np.maximum(fifth + 0.01 * third, np.finfo(float).tiny))
@@ -203,7 +203,7 @@ class _TwoPoint:
         rows = y[3:].reshape(3, 4, 7, -1)
         for i in range(3):
             rows[:, :3, 1 + i] += NUDGE * np.cross(np.eye(3)[i], rows[:, :3, 0], axisb=1, axisc=1)
-            rows[i, 3, 4 + i] += NUDGE * np.tile(self.units[:-1], H)
+            rows[i, 3, 4 + i] += NUDGE * self.unit[-1, 0]
         changes = np.empty((len(_RK4_A), *y.shape))
         _fill(changes, range(len(_RK4_A)), y, self.h, self.rk4_sections, _RK4_A)
         _, d, m = unpacked((y + _weighted(_RK4_B, changes)).reshape(15, 7, H, K))
@@ -254,7 +254,8 @@ def _fill(
 
 def _weighted(weights: np.ndarray, changes: np.ndarray) -> np.ndarray:
     """Weighted sum of the first changes; of none it is 0."""
-    return np.asarray(np.tensordot(weights, changes[: weights.size], axes=1))
+    flat = changes.reshape(len(changes), -1)[: weights.size]
+    return np.asarray((weights @ flat).reshape(changes.shape[1:]))
 
 
 def _dense(tau: np.ndarray) -> np.ndarray:

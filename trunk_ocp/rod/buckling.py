@@ -114,11 +114,11 @@ def all_stable(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loa
 
     Arguments and errors are those of `buckling_margin`.
     """
-    batch, Z = shape.states.shape[:-3], shape.mesh.points.ravel()
+    Z = shape.mesh.points.ravel()
     activations, each, which = matched(shape, activation, loads)
     forces = np.array([internal_force(load, shape.trunk, Z) for load in each])[which]
     levers = np.array([lever_density(load, shape.trunk, Z) for load in each])[which]
-    parts = integrand(shape, activations, forces.reshape(*batch, -1, 3), levers)
+    parts = integrand(shape, activations, forces, levers)
     return _ElementChain.of(shape.mesh, *parts).all_above(NEUTRAL_MARGIN)
 
 
@@ -215,7 +215,7 @@ def quadratic_form(
 
 @dataclass(frozen=True, eq=False)
 class _ElementChain:
-    """Q of shapes (...), element by element: in the unknowns s (3 d) and the turn y at the left edge.
+    """Q of shapes (...), element by element: in unknowns s (3 d) and the turn y at the left edge.
 
     Let y_1 . P y_1 be the least value of Q over all elements beyond, for a turn y_1 at the right
     edge. Then
@@ -274,17 +274,18 @@ class _ElementChain:
 
     def all_above(self, share: float) -> bool:
         """Whether all eigenvalues of all shapes are above a share of the stiffness."""
-        P = np.zeros(self.edge.shape[:-3] + (3, 3))
-        for k in reversed(range(self.edge.shape[-3])):
-            push = P @ self.over[..., k, :, :]
-            matrix = self.inner[..., k, :, :] + self.over[..., k, :, :].swapaxes(-1, -2) @ push
-            matrix -= share * np.eye(matrix.shape[-1])
-            right = self.mixed[..., k, :, :] + push
+        P = np.zeros((*self.edge.shape[:-3], 3, 3))
+        parts = (self.inner, self.mixed, self.over, self.edge)
+        elements = zip(*(np.moveaxis(part, -3, 0)[::-1] for part in parts), strict=True)
+        for inner, mixed, over, edge in elements:
+            push = P @ over
+            matrix = inner + over.swapaxes(-1, -2) @ push - share * np.eye(inner.shape[-1])
+            right = mixed + push
+            if not np.all(np.isfinite(matrix)):
+                return False
             try:
-                np.linalg.cholesky(matrix)  # which fails unless all are positive definite
-                P = self.edge[..., k, :, :] + P - right @ np.linalg.solve(
-                    matrix, right.swapaxes(-1, -2)
-                )
+                np.linalg.cholesky(matrix)  # fails unless all are positive definite
+                P = edge + P - right @ np.linalg.solve(matrix, right.swapaxes(-1, -2))
             except np.linalg.LinAlgError:
                 return False
             P = (P + P.swapaxes(-1, -2)) / 2
@@ -299,11 +300,11 @@ class _ElementChain:
             push = P @ over
             matrix = inner + over.T @ push
             matrix.flat[:: len(inner) + 1] -= share
+            if not np.all(np.isfinite(matrix)):
+                return count + 1  # overflow: the loads are enormous
             try:
                 np.linalg.cholesky(matrix)  # positive definite, as a rule: cheaper than eigenvalues
             except np.linalg.LinAlgError:
-                if not np.all(np.isfinite(matrix)):
-                    return count + 1  # overflow: the loads are enormous
                 count += int(np.count_nonzero(np.linalg.eigvalsh(matrix) <= 0))
                 if count >= enough:
                     return count
