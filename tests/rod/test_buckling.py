@@ -17,7 +17,7 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.verification import integrate
-from trunk_ocp.rod.buckling import buckling_margin
+from trunk_ocp.rod.buckling import NEUTRAL_MARGIN, all_stable, buckling_margin
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.newton import newton
 from trunk_ocp.rod.rod_batch import RodBatch, shape_of_states
@@ -422,6 +422,27 @@ def test_a_batch_is_its_shapes_one_by_one(trunk, many):
     grid = buckling_margin(crossed, activation[:2, None], loads[:3])
     assert grid.margin.shape == (2, 3)
     assert grid.margin[1, 1] == pytest.approx(every.margin[1], abs=1e-9)
+
+
+def test_shapes_are_certified_stable_exactly_where_every_margin_is_positive(wire, many):
+    shape, activations, loads = many
+    for i in range(len(loads)):
+        one = shape[i], activations[i], loads[i]
+        assert all_stable(*one) == bool(buckling_margin(*one).stable)
+    assert all_stable(*many) == bool(np.all(buckling_margin(*many).stable))
+    for share, stable in ((1 - 1e-4, True), (1 - 0.1 * NEUTRAL_MARGIN, False), (1.01, False)):
+        rod, load = wire(), thrust(share * EULER)
+        assert all_stable(solve_statics(rod, NONE, loads=load), NONE, load) == stable
+
+
+def test_what_is_not_a_number_is_not_stable(trunk, many):
+    shape, activations, loads = many
+    states = shape.states.copy()
+    states[0, -1, -1] = np.nan
+    assert not all_stable(dataclasses.replace(shape, states=states), activations, loads)
+    enormous = [Loads(tip_force=(0.0, 0.0, 1e300))] * len(loads)
+    with np.errstate(all="ignore"):
+        assert not all_stable(shape, activations, enormous)
 
 
 def test_loads_or_activations_that_do_not_match_the_shape_are_refused(trunk):

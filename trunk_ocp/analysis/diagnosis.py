@@ -126,7 +126,7 @@ def explain(plan: Plan, deep: bool = True, reporter: Reporter | None = None) -> 
     history = plan.failure.history if plan.failure else ()
     rows = tuple((number, *row) for number, row in enumerate(history))
     responsive = deep and plan.verified and not plan.cut_short
-    return Diagnosis(plan.status, tuple(findings), rows, responses(plan) if responsive else ())
+    return Diagnosis(plan.check(), tuple(findings), rows, responses(plan) if responsive else ())
 
 
 # --- failures ----------------------------------------------------------------------------
@@ -436,7 +436,7 @@ def _choices(plan: Plan, deep: bool, reporter: Reporter | None) -> Iterator[Find
     sided = one_sided(plan) if plan.converged else ""
     if sided:
         yield Finding("note", "the task is symmetric, the plan is not", (sided,))
-    if not (deep and plan.mode == "horizon" and plan.status is Status.SOLVED):
+    if not (deep and plan.mode == "horizon" and plan.check() is Status.SOLVED):
         return
     held = at_bounds(plan)["head"]
     angles = {i for i, name in enumerate(("psi_Z", "psi_Y")) if name in held or (sided and i == 0)}

@@ -105,7 +105,7 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     effort, rate = float(np.sum(plan.activations**2)), plan.squared_rate
     tracking = plan.objective.tracking
     return Measures(
-        status=plan.status.name.lower(),
+        status=plan.check().name.lower(),
         planner_objective=tracking + weights.effort * effort + weights.rate * rate,
         paper_objective=plan.objective.paper,
         tracking=tracking,

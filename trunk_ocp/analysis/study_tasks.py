@@ -24,7 +24,7 @@ def plan_of(
 
 
 def _with_status(plan: Plan) -> Plan:
-    _ = plan.status  # is cached, so that the check runs in the worker
+    plan.check()  # is cached, so that the check runs in the worker
     return plan
 
 

@@ -176,7 +176,7 @@ def title(motion: Motion) -> str:
 
 def unsolved_note(plan: Plan) -> str:
     """Addition to the title of a plan that is not solved; empty if it is."""
-    solved = plan.status is Status.SOLVED
+    solved = plan.check() is Status.SOLVED
     return "" if solved else f", NOT SOLVED: {plan.status.name.lower().replace('_', ' ')}"
 
 

@@ -142,7 +142,7 @@ def _root(plan: Plan, frames: Keyframes) -> dict[str, Any]:
         "rotation": UPRIGHT,
         "extras": {
             "title": motion.spec.title or motion.name,
-            "status": plan.status.value,
+            "status": plan.check().value,
             "times": [round(time, 6) for time in frames.times.tolist()],
             "time_steps": [round(step.time, 6) for step in motion.steps[: len(plan.x)]],
             "phases": [{"name": phase.name, "end": round(phase.end, 6)} for phase in motion.phases],

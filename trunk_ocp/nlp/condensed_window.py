@@ -12,6 +12,7 @@ import copy
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -139,7 +140,8 @@ class CondensedWindow:
             for Z, (q, r) in u.points.items():
                 rows.append((t, q, r, *_pose_weights(window.mesh, window.length, Z)))
         E, d, P = window.mesh.elements, window.mesh.degree, len(rows)
-        step, q, r, element, edge, of_states, of_rates = zip(*rows, strict=True) if P else 7 * ((),)
+        columns: list[Any] = list(zip(*rows, strict=True)) if P else [()] * 7
+        step, q, r, element, edge, of_states, of_rates = columns
         self._point_step, self._point_element = np.array(step, int), np.array(element, int)
         self._point_edge = np.array(edge, int)
         self._q, self._r = np.array(q, int).reshape(P, 4), np.array(r, int).reshape(P, 3)

@@ -49,7 +49,9 @@ class Trajectory:
 class Rods:
     """Right-hand side of eq. (14) for n rods, each on an interval without jumps.
 
-    The last axis of arrays is that of the rods, so that operations run along contiguous memory.
+    A state is y (15, copies, n) in SI units: the centerline r (3) in space axes, then d_i (3) in
+    space axes and m_i, for i = 1, 2, 3. The last axis of arrays is that of the rods, so that
+    operations run along contiguous memory.
 
     Parameters
     ----------
@@ -68,40 +70,85 @@ class Rods:
         self.trunk, self.mean = trunk, mean_extension(trunk, strain)
         self.zeta_hat, self.c = own[:, 0], own[:, 1:].T[:, None]
         self.gravity = np.array([load.gravity for load in loads])
-        self.tip = np.array([load.tip_force for load in loads]).T
-        self.log = np.array([load.contact_force for load in loads]).T
+        self.tip = np.array([load.tip_force for load in loads]).T[:, None]
+        self.log = np.array([load.contact_force for load in loads]).T[:, None]
         self.touching, self.touched = start <= middle, start < L
         self.spread = np.where(self.touched, L - start, 1.0)
         couple = np.array([load.contact_couple for load in loads]).T
         self.couple = (self.touching * couple / self.spread)[:, None]
         lever = np.array([load.contact_lever for load in loads])
-        self.hung = (self.touching * lever * self.log / self.spread)[:, None]
+        self.hung = (self.touching * lever / self.spread) * self.log
+        self.has_couple, self.is_hung = bool(self.couple.any()), bool(self.hung.any())
 
-    def rates(self, Z: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Derivatives of y (15, copies, n), r, d_1, d_2, d_3 and m in SI units, at Z (n,)."""
-        d, m = y[3:12].reshape(3, 3, *y.shape[1:]), y[12:]
-        K = stiffness(self.trunk, Z).T
+    def sections(self, Z: np.ndarray) -> Sections:
+        """The rods' cross sections at points Z (..., n) in m."""
+        K = np.moveaxis(stiffness(self.trunk, Z), -1, -2)[..., None, :]
         share = np.where(self.touching, (self.trunk.length - Z) / self.spread, self.touched)
-        force = self.tip + self.log * share
-        force[2] += self.gravity * mass_beyond(self.trunk, Z)
-        n = (d * force[:, None]).sum(axis=1)
-        zeta = self.zeta_hat * (1 + n[2] * (self.mean / K[0]))
-        u = self.c / self.trunk.taper(Z) + m * (self.mean**2 / K[1:])[:, None]
+        force = self.tip + self.log * share[..., None, None, :]
+        force[..., 2, 0, :] += self.gravity * mass_beyond(self.trunk, Z)
+        return Sections(
+            force,
+            self.zeta_hat * (self.mean / K[..., 0, :, :]),
+            self.zeta_hat * self.c / self.trunk.taper(Z)[..., None, None, :],
+            self.zeta_hat * self.mean**2 / K[..., 1:, :, :],
+            self,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """All that eq. (14) takes at points (...) of n rods besides their states.
+
+    Attributes
+    ----------
+    force : (..., 3, 1, n)
+        On the section, in N and space axes.
+    stretch : (..., 1, n)
+        Of zeta by n_3, in 1/N.
+    turn, bend : (..., 3, 1, n)
+        zeta_hat u_hat in 1/m, and what zeta_hat u gains by m, in 1/(N m^2).
+    """
+
+    force: np.ndarray
+    stretch: np.ndarray
+    turn: np.ndarray
+    bend: np.ndarray
+    rods: Rods
+
+    def rates(self, y: np.ndarray, at: int | tuple[()] = ()) -> np.ndarray:
+        """Derivatives of states y (15, copies, n) by Z, at one of the points."""
+        rods, rows = self.rods, y[3:].reshape(3, 4, *y.shape[1:])
+        d, m = rows[:, :3], rows[:, 3]
+        n = (d * self.force[at]).sum(axis=1)
+        zeta = rods.zeta_hat + self.stretch[at] * n[2]
+        spin = self.turn[at] + self.bend[at] * m
         dy = np.empty_like(y)
         dy[:3] = zeta * d[2]
-        darboux = (self.zeta_hat * u[:, None] * d).sum(axis=0)
-        for d_i, dd_i in zip(d, dy[3:12].reshape(d.shape), strict=True):
-            _cross(darboux, d_i, dd_i)
-        _cross(self.zeta_hat * m, u, dy[12:])
-        if self.couple.any():
-            dy[12:] -= (d * self.couple).sum(axis=1)
-        if self.hung.any():
+        # A spin turns directors as it changes the components of a fixed vector, m apart from loads.
+        changes = dy[3:].reshape(rows.shape)
+        _cross(rows, spin[:, None], changes)
+        dm = changes[:, 3]
+        dm[0] += zeta * n[1]
+        dm[1] -= zeta * n[0]
+        if rods.has_couple:
+            dm -= (d * rods.couple).sum(axis=1)
+        if rods.is_hung:
             couple = np.empty_like(d[1])
-            _cross(d[1], np.broadcast_to(self.hung, d[1].shape), couple)
-            dy[12:] -= (d * couple).sum(axis=1)
-        dy[12] += zeta * n[1]
-        dy[13] -= zeta * n[0]
+            _cross(d[1], np.broadcast_to(rods.hung, d[1].shape), couple)
+            dm -= (d * couple).sum(axis=1)
         return dy
+
+
+def packed(r: np.ndarray, d: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """States (15, n) of positions (n, 3), directors (n, 3, 3) and moments (n, 3)."""
+    rows = np.concatenate([d, m[..., None]], axis=2)
+    return np.concatenate([r, rows.reshape(len(r), 12)], axis=1).T
+
+
+def unpacked(y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position (..., 3), directors (..., 3, 3) and moment (..., 3) of states y (15, ...)."""
+    rows = np.moveaxis(y[3:].reshape(3, 4, *y.shape[1:]), (0, 1), (-2, -1))
+    return np.moveaxis(y[:3], 0, -1), rows[..., :3], rows[..., 3]
 
 
 def base_frames(trunk: Trunk, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,29 +191,30 @@ def integrate(
         known = integrate(trunk, x[finite], chosen, moment[finite], Z, max_slopes)
         path.fill(finite, (known.position, known.directors, known.moment))
         return path
-    H, activation = len(loads), x[:, :-2]
-    unit = np.ones((15, 1, 1))
-    unit[:3], unit[12:] = trunk.length, stiffness(trunk, 0.0)[1] / trunk.length
+    H, L = len(loads), trunk.length
+    unit = packed(
+        np.full((1, 3), L), np.ones((1, 3, 3)), np.full((1, 3), stiffness(trunk, 0.0)[1] / L)
+    )[..., None]
     r0, d0 = base_frames(trunk, x[:, -2:])
-    state = np.concatenate([r0, d0.reshape(H, 9), moment], axis=1).T[:, None] / unit
+    state = packed(r0, d0, moment)[:, None] / unit
     values = np.full((Z.size, 15, 1, H), np.nan)
     values[Z <= 0] = state
     for start, end in pairwise(jumps_of(trunk, loads)):
         inside = (Z > start) & (Z <= end)
-        rods = Rods(trunk, activation, loads, np.full(H, (start + end) / 2))
+        rods = Rods(trunk, x[:, :-2], loads, np.full(H, (start + end) / 2))
 
         def slope(at: float, y: np.ndarray, rods: Rods = rods) -> np.ndarray:
-            return (rods.rates(np.full(H, at), y.reshape(15, 1, H) * unit) / unit).ravel()
+            y = y.reshape(15, 1, H) * unit
+            return (rods.sections(np.full(H, at)).rates(y) / unit).ravel()
 
-        result = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes=max_slopes)
+        result = dop853(slope, (start, end), state.ravel(), Z[inside], max_slopes)
         if result is None:
             break  # NaN from here on fails the check
         values[inside] = result[0].reshape(-1, 15, 1, H)
         state = result[1].reshape(15, 1, H)
-    values = np.moveaxis((values * unit)[:, :, 0], 2, 0)
-    values[:, Z <= 0, 12:] = moment[:, None]  # without the round-off of scaling
-    directors = values[..., 3:12].reshape(H, Z.size, 3, 3)
-    return Trajectory(Z, values[..., :3], directors, values[..., 12:])
+    path = Trajectory(Z, *unpacked(np.transpose((values * unit)[:, :, 0], (1, 2, 0))))
+    path.moment[:, Z <= 0] = moment[:, None]  # without the round-off of scaling
+    return path
 
 
 def dop853(
@@ -174,45 +222,35 @@ def dop853(
     ends: tuple[float, float],
     start: np.ndarray,
     at: np.ndarray,
-    tolerance: float = TOLERANCE,
     max_slopes: int = MAX_SLOPES,
-    pick: np.ndarray | None = None,
-    watch: Callable[[np.ndarray], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Values (points, n) at sorted points, and those (n,) at the end.
 
-    None if the integration does not finish, as for a rod that coils up, or is not finite.
-
-    Parameters
-    ----------
-    max_slopes : right-hand sides allowed
-    pick : (points, m), which of the n values are kept at each point; all by default
-    watch : is called with the slopes (n,) after each step, and may change them in place
+    None if the integration does not finish within a number of right-hand sides, as for a rod that
+    coils up, or is not finite.
     """
     if not np.all(np.isfinite(start)):
         return None
     known: list[np.ndarray] = []
     with np.errstate(all="ignore"):  # a rod that diverges ends as NaN
-        solver = DOP853(slope, ends[0], start, ends[1], rtol=tolerance, atol=tolerance)
+        solver = DOP853(slope, ends[0], start, ends[1], rtol=TOLERANCE, atol=TOLERANCE)
         if not np.isfinite(solver.h_abs):  # scipy would try steps of NaN forever
             return None
         while solver.status == "running" and solver.nfev <= max_slopes:
             solver.step()
-            if watch is not None:
-                watch(solver.f)
             reached = int(np.searchsorted(at, solver.t, side="right"))
             if reached > len(known):
                 between = solver.dense_output()
-                # Point by point, because all n values at all points would fill the memory.
-                for i in range(len(known), reached):
-                    values = between(at[i])
-                    known.append(values if pick is None else values[pick[i]])
+                known += [between(at[i]) for i in range(len(known), reached)]
     if solver.status != "finished" or not np.all(np.isfinite(solver.y)):
         return None
     return np.array(known).reshape(len(at), -1 if len(at) else 0), solver.y
 
 
 def _cross(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> None:
-    """Cross product along the first axis; np.cross would take longer than the rest of `rates`."""
+    """Cross product along the first axis; np.cross would take longer than the rest of `rates`.
+
+    The other axes may broadcast.
+    """
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.subtract(a[j] * b[k], a[k] * b[j], out=out[i])

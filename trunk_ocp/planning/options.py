@@ -70,6 +70,19 @@ def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:
     return "sequential" if lookahead == 1 else mode, int(min(lookahead or count, count))
 
 
+def is_deferred(check: str) -> bool:
+    """Whether a plan's check waits: of "now" and "later", whether it is the latter.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if check not in ("now", "later"):
+        raise InputError(f"check = {check!r}: expected 'now' or 'later'.")
+    return check == "later"
+
+
 def first_mesh(motion: Motion, options: Options) -> Mesh:
     """The first mesh: about `GAUSS_POINTS` along the trunk, of a degree from 3 to 6."""
     coarse = mesh_for(motion.trunk, motion.contact_from, options.elements)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._support.blas_threads import one_thread
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
@@ -22,7 +23,7 @@ from ..nlp.outcome import Solve, rank
 from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
-from ..rod.buckling import Stability, buckling_margin
+from ..rod.buckling import Stability, all_stable, buckling_margin
 from ..rod.collocation import Mesh
 from ..rod.flutter import MODES as VIBRATION_MODES
 from ..rod.flutter import Flutter, flutter
@@ -40,6 +41,7 @@ class Status(enum.Enum):
     UNSTABLE = "converged and verified, but unstable: the trunk would not stay in its shape"
     COLLIDING = "converged and verified, but the trunk collides with a body that it has to avoid"
     UNVERIFIED = "converged, but the independent check failed"
+    UNCHECKED = "converged, but not checked yet"
     INFEASIBLE = "not converged: no motion was found that keeps all bounds"
     ITERATION_LIMIT = "not converged within the allowed iterations; what was reached is kept"
     TIME_LIMIT = "not converged by the deadline; what was reached is kept"
@@ -54,8 +56,22 @@ class Status(enum.Enum):
 
 MODES = ("sequential", "horizon", "receding")
 
+CHECKS = (
+    "verification",
+    "stability",
+    "flutter",
+    "errors",
+    "gaps_between",
+    "clearance",
+    "_checked_status",
+)
+"""Results of checks, which stay with a plan when only its record changes."""
+
 MAX_DEFECT = 1e-4
 """Largest `Shape.defect` of a sample, beyond which its mesh is refined."""
+
+ACCEPTED = (Status.SOLVED, Status.UNCHECKED)
+"""What planners return without an error."""
 
 FAILURES = {
     "Infeasible_Problem_Detected": Status.INFEASIBLE,
@@ -126,6 +142,8 @@ class Plan:
         Gaps that steps (from 0) had to keep, if the motion asks for contact.
     interrupted, late : bool
         Whether the user, or the deadline, stopped the planner before it was done.
+    deferred : bool
+        Whether the plan counts as unchecked until `check` is called.
     derivative_seconds : float
         Part of `solve_seconds` spent in the objective, the constraints and their derivatives.
     notes : tuple of str
@@ -150,6 +168,7 @@ class Plan:
     converged: bool = True
     interrupted: bool = False
     late: bool = False
+    deferred: bool = False
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -206,6 +225,7 @@ class Plan:
         return verify(self.motion, self.x, self.loads, self.shape, self.auxiliary)
 
     @cached_property
+    @one_thread()
     def stability(self) -> Stability:
         """Whether each planned shape is stable, (H,)."""
         return buckling_margin(self.shape, self.activations, self.loads)
@@ -311,9 +331,24 @@ class Plan:
         duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])
         return float(np.sum(change**2 / duration[:, None]))
 
-    @cached_property
+    @property
     def status(self) -> Status:
-        """How the plan ended; needs `verification` and `stability`."""
+        """How the plan ended; UNCHECKED if its check was put off and `check` not called since."""
+        return Status.UNCHECKED if self.unchecked else self.check()
+
+    @property
+    def unchecked(self) -> bool:
+        """Whether the plan converged, but its check was put off and not made up for."""
+        known = "_checked_status" in vars(self) or self._stopped_status is not None
+        return self.deferred and not known
+
+    def check(self) -> Status:
+        """Check the plan now, if that was put off, and return its status from now on."""
+        return self._stopped_status or self._checked_status
+
+    @property
+    def _stopped_status(self) -> Status | None:
+        """Status of a plan that did not converge, or was stopped before; None otherwise."""
         if self.interrupted:
             return Status.INTERRUPTED
         if self.late:
@@ -321,11 +356,17 @@ class Plan:
         if not self.converged or len(self.x) < len(self.motion.steps):
             message = self.failure.message if self.failure else ""
             return FAILURES.get(message, Status.NOT_CONVERGED)
+        return None
+
+    @cached_property
+    @one_thread()
+    def _checked_status(self) -> Status:
+        """Status of a converged plan by its checks."""
         if self.verification.faults:
             return Status.UNVERIFIED
         if self.collisions:
             return Status.COLLIDING
-        if not np.all(self.stability.stable):
+        if not all_stable(self.shape, self.activations, self.loads):
             return Status.UNSTABLE
         return Status.MISSED if self.missed else Status.SOLVED
 
@@ -351,19 +392,18 @@ class Plan:
     def with_record(self, **record: Any) -> Plan:
         """The plan with other fields on how it was made; results of its checks are kept."""
         plan = replace(self, **record)
-        checks = ("verification", "stability", "flutter", "errors", "gaps_between", "clearance")
-        vars(plan).update({name: vars(self)[name] for name in checks if name in vars(self)})
+        vars(plan).update({name: vars(self)[name] for name in CHECKS if name in vars(self)})
         return plan
 
     def checked(self) -> Plan:
-        """The plan itself, if it is solved and verified.
+        """The plan itself, if it is solved and verified; a check that was put off is made now.
 
         Raises
         ------
         PlanError
             If it is anything else.
         """
-        if self.status is not Status.SOLVED:
+        if self.check() is not Status.SOLVED:
             raise PlanError(self)
         return self
 
@@ -441,9 +481,11 @@ class PlanError(TrunkError):
     def __init__(self, plan: Plan) -> None:
         violated = plan.failure.violations if plan.failure else ()
         collisions = plan.collisions if plan.status is Status.COLLIDING else []
-        faults = plan.verification.faults
+        # A plan whose check was put off is in a hurry: its error says what is known already.
+        unknown = plan.deferred and "verification" not in vars(plan)
+        off = [] if unknown else [*plan.verification.faults, *collisions, *plan.missed]
         blocked = obstructions(plan.motion) if plan.motion.contact and not plan.cut_short else []
-        problems = [*blocked, *map(str, violated), *faults, *collisions, *plan.missed, *plan.notes]
+        problems = [*blocked, *map(str, violated), *off, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(
             f"{plan.motion.name}, {plan.mode}: {plan.status.value}.{first} The error's attribute "

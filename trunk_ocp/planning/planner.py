@@ -29,8 +29,16 @@ from ..reporting import Reporter
 from .avoidance import clear_of_bodies
 from .checkpoint import Checkpoint
 from .checkpoint_file import COUNTERS
-from .options import REFINEMENTS, TOO_COARSE, Options, finer_mesh, first_mesh, mode_of
-from .plan import Plan
+from .options import (
+    REFINEMENTS,
+    TOO_COARSE,
+    Options,
+    finer_mesh,
+    first_mesh,
+    is_deferred,
+    mode_of,
+)
+from .plan import ACCEPTED, Plan, PlanError
 from .planning_run import PlanningRun
 
 ROUGH_ITERATIONS = 200
@@ -49,6 +57,7 @@ def plan_motion(
     throw: bool = True,
     deadline: float | None = None,
     initial: np.ndarray | None = None,
+    check: str = "now",
 ) -> Plan:
     """Find activations and head angles that perform a motion.
 
@@ -72,19 +81,24 @@ def plan_motion(
     initial : (muscles + 2,), optional
         Activations and head angles (rad) from which the motion starts, in place of its own `start`;
         the same as to plan `motion.started(initial)`.
+    check : str
+        "later" to return a plan that converged before it is checked: its status is UNCHECKED until
+        `plan.check()`. Its mesh is not refined, as only the check could ask for that. Who never
+        wants a check never calls it. Motions with contact are checked while they are planned.
 
     Returns
     -------
     Plan
-        Solved and verified.
+        Solved and verified, or not checked yet.
 
     Raises
     ------
     PlanError
         If the plan is not solved; the error has the plan.
     InputError
-        If the lookahead is not a whole number of at least 1, the deadline not positive, `initial`
-        no controls of this trunk, or the checkpoint belongs to another plan.
+        If the lookahead is not a whole number of at least 1, the deadline not positive, `check`
+        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to another
+        plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
         as well.
@@ -95,7 +109,7 @@ def plan_motion(
     motion = motion if initial is None else motion.started(initial)
     options, reporter = options or Options(), reporter or Reporter()
     mode, lookahead = mode_of(motion, lookahead)
-    ends = began + seconds_allowed(deadline)
+    ends, deferred = began + seconds_allowed(deadline), is_deferred(check)
     _check_start(start, motion)
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
@@ -119,7 +133,7 @@ def plan_motion(
     if run.stopped and start is not None:
         plan = _start_as_plan(start, run)
     else:
-        plan = _refined(run.run(), run)
+        plan = run.run() if deferred else _refined(run.run(), run)
         if motion.contact:
             plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
             if run.stopped and plan.collisions:
@@ -134,9 +148,12 @@ def plan_motion(
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *obstructions(plan.motion), *plan.doubts),
+        notes=(*plan.notes, *obstructions(plan.motion), *([] if deferred else plan.doubts)),
+        deferred=deferred,
     )
-    return plan.checked() if throw else plan
+    if throw and plan.status not in ACCEPTED:
+        raise PlanError(plan)
+    return plan
 
 
 def _check_start(start: Plan | None, motion: Motion) -> None:

@@ -159,8 +159,8 @@ def summary(plan: Plan) -> dict[str, Any]:
         "problem": plan.motion.name,
         "mode": plan.mode,
         "lookahead": plan.lookahead,
-        "status": plan.status.name.lower(),
-        "message": plan.status.value,
+        "status": plan.check().name.lower(),
+        "message": plan.check().value,
         "verified": plan.verified,
         "faults": plan.verification.faults,
         "missed": plan.missed,
@@ -338,7 +338,7 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "gaps_json": others[3],
         "notes_json": others[0],
         "solves_json": solves_json(plan.solves, *others),
-        "status": plan.status.name.lower(),
+        "status": plan.check().name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
         "weight_effort": plan.weights.effort,
@@ -365,7 +365,7 @@ def activations_table(plan: Plan) -> str:
     For a plan that is not solved, every row ends with its status.
     """
     motion, text = plan.motion, io.StringIO(newline="")
-    mark = [] if plan.status is Status.SOLVED else [plan.status.name.lower()]
+    mark = [] if plan.check() is Status.SOLVED else [plan.check().name.lower()]
     head = ["time_s", "phase", *motion.trunk.muscles, "psi_z_rad", "psi_y_rad"]
     writer = csv.writer(text)
     writer.writerow([*head, *(["status"] if mark else [])])

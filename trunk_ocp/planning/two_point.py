@@ -2,10 +2,12 @@
 
 A rod with a thin loaded tip cannot be integrated from the base: an error in m(0) grows by
 exp(int (|N| / E I)^(1/2) dZ), a billion times on an arm that tapers from 20 mm to 1 mm. So the rod
-is cut into intervals over which errors grow little, all of them are integrated together, and
-Newton's method closes the gaps between them, with the pose at the base and m(L) = 0 at the tip
-(multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4). The planned shape is only its
-start.
+is cut into short intervals, each a single step of the eighth-order method of Dormand & Prince, all
+of them are integrated together, and Newton's method closes the gaps between them, with the pose at
+the base and m(L) = 0 at the tip (multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4).
+The planned shape is only its start. Intervals are halved until the method's own estimate of its
+error is small everywhere. The tangents of Newton's method come from a fourth-order step: they
+decide how fast the gaps close, not whether they are closed.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.integrate import DOP853
 from scipy.spatial.transform import Rotation
 
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
@@ -23,32 +26,35 @@ from ..model.anatomy import Trunk
 from ..model.loads import Loads, internal_force
 from ..rod.linear_bvp import solve_linear_bvp
 from ..rod.shape import Shape
-from .independent_rod import TOLERANCE, Rods, Trajectory, base_frames, dop853, jumps_of
+from .independent_rod import Rods, Sections, Trajectory, base_frames, jumps_of, packed, unpacked
 
-TURN = 2.0
-"""Growth exponent and angle of an interval, about; differences resolve a tangent of e^2."""
-MAX_INTERVALS = 400
-MAX_TURN = 10.0  # of an interval; beyond, differences and Newton steps are meaningless
-MAX_SLOPE = 100.0  # of the states across an interval; it starts at 2, or at most 10
-MAX_RATES = 300  # right-hand sides per interval; 40 to 60 are usual
-MAX_FAILURES = 6  # integrations of a group of rods that do not finish
+TURN = 0.45
+"""Growth exponent and angle of an interval, about, before it is halved."""
+MAX_GROWTH = 4000.0  # of a rod; beyond, differences and Newton steps are meaningless
+TOLERANCE = 1e-9  # on the estimated error of an interval, in rad and local units
+MAX_HALVINGS = 3
 GROWTH_POINTS = 100  # points at which the growth is evaluated
 GROUP_RODS = 32
-MAX_ROWS = 640  # intervals of rods that are solved together, to limit memory
-MAX_ITERATIONS = 8
-TANGENT_TOL = 1e-8  # of the integrations for tangents
+MAX_ROWS = 4000  # intervals of rods that are solved together, to limit memory
+MAX_ITERATIONS = 10
 STEP_TOL = 1e-8  # of the last Newton step, rad and in local units of moment
 REUSE_STEP = 1e-3  # Newton step up to which tangents are used again
-MAX_STEP = 1e6  # Newton step of a rod that diverges
+MAX_STEP = 10.0  # Newton step of a rod that diverges; right plans take 1e-4
 NUDGE = 1e-6  # of the differences that make tangents
+
+EIGHTH, DENSE = 12, 16
+"""Stages of the eighth-order method of Dormand & Prince, and those that interpolate as well."""
+_A = np.zeros((DENSE, DENSE))
+_A[:EIGHTH, :EIGHTH], _A[EIGHTH, :EIGHTH], _A[EIGHTH + 1 :] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+_C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
+_RK4_A = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1.0, 0]])
+_RK4_B, _RK4_C = np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1])
 
 
 def equilibria(
     trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], shape: Shape, Z: np.ndarray
 ) -> Trajectory:
     """Equilibria of H rods near given shapes (H,) at points Z, sorted; NaN where there is none.
-
-    If some rods of a group take very long, other slow ones are given up together with them.
 
     Parameters
     ----------
@@ -78,21 +84,24 @@ def _solve_some(
     if not np.all(growth.bearable):
         some = some[growth.bearable]
         return _solve_some(trunk, x, loads, shape, some, path) if some.size else None
-    nodes, units = growth.nodes()
+    nodes = growth.nodes()
     if some.size > 1 and some.size * (nodes.size - 1) > MAX_ROWS:
         middle = some.size // 2
         for half in (some[:middle], some[middle:]):
             _solve_some(trunk, x, loads, shape, half, path)
         return None
-    found = _TwoPoint.of(trunk, x[some], own_loads, part, nodes, units).solve(path.Z)
-    if found is not None:
-        path.fill(some, found)
+    for _ in range(MAX_HALVINGS + 1):
+        rods = _TwoPoint(trunk, x[some], own_loads, part, nodes, growth.units(nodes))
+        rough = np.any(rods.error() > TOLERANCE, axis=0)
+        if not np.any(rough):
+            break
+        nodes = np.union1d(nodes, (nodes[:-1] + np.diff(nodes) / 2)[rough])
+    path.fill(some, rods.solve(path.Z))
     return None
 
 
-@dataclass(eq=False)
 class _TwoPoint:
-    """H rods cut into K intervals; a row is an interval of a rod, rod by rod.
+    """H rods cut into K intervals, each a step; a row is an interval of a rod, rod by rod.
 
     Attributes
     ----------
@@ -100,181 +109,165 @@ class _TwoPoint:
         Ends of the intervals in m.
     units : (K + 1,)
         Moment in N m that bends a rod there as far as it is bent, for scale.
-    d, m : (H, K + 1, 3, 3), (H, K + 1, 3)
-        Directors and moment (N m) at the nodes, improved in place; m at the tip is zero.
     r0 : (H, 3)
         Base positions in m.
-    lost : (H,) bool
-        Rods that coil up or diverge; they are frozen, so that they do not slow down the others.
-    steepness : (H,)
-        Largest slope of each rod at the last step of an integration.
-    failures : int
-        Integrations that did not finish.
+    d, m : (H, K + 1, 3, 3), (H, K + 1, 3)
+        Directors and moment (N m) at the nodes, which Newton's method improves; m at the tip is 0.
+    h : (rows,)
+        Lengths of the steps in m.
+    unit : (15, 1, rows)
+        Of the components of states, in which errors compare.
+    starts : (15, 1, rows)
+        States at the left ends, with r = 0.
+    changes : (16, 15, 1, rows)
+        h times the slopes of a step's stages, of which the last four only interpolate.
     """
 
-    rods: Rods
-    nodes: np.ndarray
-    units: np.ndarray
-    r0: np.ndarray
-    d: np.ndarray
-    m: np.ndarray
-    lost: np.ndarray
-    steepness: np.ndarray
-    failures: int = 0
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         trunk: Trunk,
         x: np.ndarray,
         loads: Sequence[Loads],
         shape: Shape,
         nodes: np.ndarray,
         units: np.ndarray,
-    ) -> _TwoPoint:
-        """Rods with the states of a shape at their nodes."""
-        K = nodes.size - 1
-        middle = np.tile(nodes[:-1] + np.diff(nodes) / 2, len(x))
+    ) -> None:
+        H, K = len(x), nodes.size - 1
+        self.nodes, self.units = nodes, units
+        self.h, left = np.tile(np.diff(nodes), H), np.tile(nodes[:-1], H)
         row_loads = [load for load in loads for _ in range(K)]
-        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), row_loads, middle)
-        d, m = shape.directors(nodes), shape.moment(nodes)
-        r0, d[:, 0] = base_frames(trunk, x[:, -2:])
-        m[:, -1] = 0.0
-        lost, steepness = np.zeros(len(x), dtype=bool), np.zeros(len(x))
-        return cls(rods, nodes, units, r0, d, m, lost, steepness)
+        rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), row_loads, left + self.h / 2)
+        self.sections = rods.sections(left + _C[:, None] * self.h)
+        self.rk4_sections = rods.sections(left + _RK4_C[:, None] * self.h)
+        self.d, self.m = shape.frames(nodes)
+        self.r0, self.d[:, 0] = base_frames(trunk, x[:, -2:])
+        self.m[:, -1] = 0.0
+        bend = np.tile(units[:-1], H)[:, None] * np.ones(3)
+        self.unit = packed(self.h[:, None] * np.ones(3), np.ones((H * K, 3, 3)), bend)[:, None]
+        self.changes = np.empty((DENSE, 15, 1, H * K))
+        self._march()
 
-    def solve(self, Z: np.ndarray) -> tuple[np.ndarray, ...] | None:
-        """Position, directors and moment at points Z, NaN where Newton's method fails.
-
-        None where it fails for all.
-        """
-        tangents, size = np.zeros(0), np.full(len(self.m), math.inf)
+    def solve(self, Z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Position, directors and moment at points Z, NaN where Newton's method fails."""
+        size, tangents = np.full(len(self.m), math.inf), np.zeros(0)
+        lost = np.zeros(len(self.m), dtype=bool)
         for _ in range(MAX_ITERATIONS):
-            again = bool(np.any(size > REUSE_STEP))  # at first, and after large steps
-            found: tuple[np.ndarray, ...] | None = self._nudged() if again else self._at_points(Z)
-            if found is None:
-                return None
-            if again:
-                tangents = self._tangents(found[-1])
-            step = solve_linear_bvp(tangents, self._gaps(found[-1][0])[..., None])[..., 0]
+            if np.any(size > REUSE_STEP):  # at first, and after large steps
+                tangents = self._tangents()
+            step = solve_linear_bvp(tangents, self._gaps()[..., None])[..., 0]
             size = np.abs(step).max(axis=(1, 2))
-            self.lost |= ~(size < MAX_STEP)
-            size[self.lost] = 0.0
-            if not again and np.all(size < STEP_TOL):
-                return self._unless_lost(found[:3])
-            step[self.lost] = 0.0
+            lost |= ~(size < MAX_STEP)
+            size[lost], step[lost] = 0.0, 0.0
+            if np.all(size < STEP_TOL):
+                break
             self._move(step)
-        self.lost |= ~(size < STEP_TOL)
+        lost |= ~((size < STEP_TOL) & np.all(self.error() < 2 * TOLERANCE, axis=1))
         found = self._at_points(Z)
-        return None if found is None else self._unless_lost(found[:3])
-
-    def _unless_lost(self, found: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
         for values in found:
-            values[self.lost] = np.nan
+            values[lost] = np.nan
         return found
 
-    @property
-    def widths(self) -> np.ndarray:
-        """Lengths of the intervals (K,) in m."""
-        return np.diff(self.nodes)
+    def error(self) -> np.ndarray:
+        """Estimated errors (H, K) of the steps, in rad and local units, as DOP853 makes them."""
+        fifth, third = (
+            np.mean((_weighted(E[:EIGHTH], self.changes) / self.unit) ** 2, axis=0)
+            for E in (DOP853.E5, DOP853.E3)
+        )
+        error = fifth / np.sqrt(np.maximum(fifth + 0.01 * third, np.finfo(float).tiny))
+        return np.asarray(error.reshape(len(self.m), -1))
 
-    def _starts(self) -> np.ndarray:
-        """States (H, K, 15) at the intervals' left ends: r from there, d, m in local units."""
-        H, K = len(self.m), self.widths.size
-        m = self.m[:, :-1] / self.units[:-1, None]
-        return np.concatenate([np.zeros((H, K, 3)), self.d[:, :-1].reshape(H, K, 9), m], axis=2)
+    def _march(self) -> None:
+        """Make a step from every node but the last."""
+        d, m = self.d[:, :-1].reshape(-1, 3, 3), self.m[:, :-1].reshape(-1, 3)
+        self.starts = packed(np.zeros_like(m), d, m)[:, None]
+        _fill(self.changes, range(EIGHTH), self.starts, self.h, self.sections, _A)
 
-    def _march(
-        self, y: np.ndarray, tolerance: float, at: np.ndarray, pick: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """States from y (copies, H, K, 15), integrated together: at points, and at the right ends.
+    def _ends(self) -> tuple[np.ndarray, ...]:
+        """Position from the left ends, directors and moment (H, K, ...) at the right ends."""
+        y = self.starts + _weighted(DOP853.B, self.changes)
+        return unpacked(y.reshape(15, len(self.m), -1))
 
-        At points `at` from 0 to 1 they are the entries `pick` (points, m) of the flattened
-        (15, copies, H, K). None if all rods are lost.
-        """
-        H, K = len(self.m), self.widths.size
-        Z, h = np.tile(self.nodes[:-1], H), np.tile(self.widths, H)
-        unit = np.ones((15, 1, h.size))
-        unit[:3], unit[12:] = h, np.tile(self.units[:-1], H)
-        scale, shape = h / unit, (15, len(y), h.size)
-
-        def slope(tau: float, flat: np.ndarray) -> np.ndarray:
-            values = scale * self.rods.rates(Z + tau * h, flat.reshape(shape) * unit)
-            return self._kept(values.reshape(15, -1, H, K)).ravel()
-
-        def watch(slopes: np.ndarray) -> None:
-            values = slopes.reshape(15, -1, H, K)
-            self.steepness = np.abs(values[3:]).max(axis=(0, 1, 3))
-            self.lost |= ~(self.steepness <= MAX_SLOPE)
-            self._kept(values)
-
-        start = np.moveaxis(y, 3, 0).ravel()
-        while self.failures < MAX_FAILURES and not np.all(self.lost):
-            self.steepness = np.full(H, math.inf)
-            path = dop853(slope, (0.0, 1.0), start, at, tolerance, MAX_RATES, pick, watch)
-            if path is not None:
-                return path[0], np.moveaxis(path[1].reshape(15, -1, H, K), 0, -1)
-            self.failures += 1
-            self.lost |= ~(self.steepness <= min(MAX_TURN, self.steepness.max() / 2))
-        return None
-
-    def _kept(self, slopes: np.ndarray) -> np.ndarray:
-        """Slopes (15, copies, H, K) with zeros for lost rods."""
-        if np.any(self.lost):
-            slopes[:, :, self.lost] = 0.0
-        return slopes
-
-    def _nudged(self) -> tuple[np.ndarray] | None:
-        """States (7, H, K, 15) at the right ends, from the left ends and six perturbed copies."""
-        y = np.repeat(self._starts()[None], 7, axis=0)
-        d = self.d[:, :-1]
-        for i in range(3):
-            y[1 + i, ..., 3:12] += NUDGE * np.cross(np.eye(3)[i], d).reshape(*d.shape[:2], 9)
-            y[4 + i, ..., 12 + i] += NUDGE
-        found = self._march(y, TANGENT_TOL, np.zeros(0), np.zeros((0, 0), dtype=int))
-        return None if found is None else (found[1],)
-
-    def _tangents(self, ends: np.ndarray) -> np.ndarray:
-        """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left."""
-        change = (ends[1:] - ends[0]) / NUDGE  # (6, H, K, 15)
-        d = ends[0, ..., 3:12].reshape(*ends.shape[1:3], 3, 3)
-        turn = np.cross(d, change[..., 3:12].reshape(*change.shape[:3], 3, 3)).sum(axis=3) / 2
-        moment = change[..., 12:] * (self.units[:-1] / self.units[1:])[:, None]
-        return np.moveaxis(np.concatenate([turn, moment], axis=3), 0, -1)
-
-    def _gaps(self, ends: np.ndarray) -> np.ndarray:
+    def _gaps(self) -> np.ndarray:
         """Turn and moment (H, K, 6) from the nodes to where the intervals before them end."""
-        d = ends[..., 3:12].reshape(*ends.shape[:2], 3, 3)
+        _, d, m = self._ends()
         turn = np.cross(self.d[:, 1:], d).sum(axis=2) / 2
-        m = ends[..., 12:] * self.units[:-1, None]
         return np.concatenate([turn, (m - self.m[:, 1:]) / self.units[1:, None]], axis=2)
 
+    def _tangents(self) -> np.ndarray:
+        """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left.
+
+        Of steps of the classical fourth-order method, from six states that differ a little.
+        """
+        H, K = len(self.m), self.nodes.size - 1
+        y = np.repeat(self.starts, 7, axis=1)
+        rows = y[3:].reshape(3, 4, 7, -1)
+        for i in range(3):
+            rows[:, :3, 1 + i] += NUDGE * np.cross(np.eye(3)[i], rows[:, :3, 0], axisb=1, axisc=1)
+            rows[i, 3, 4 + i] += NUDGE * self.unit[-1, 0]
+        changes = np.empty((len(_RK4_A), *y.shape))
+        _fill(changes, range(len(_RK4_A)), y, self.h, self.rk4_sections, _RK4_A)
+        _, d, m = unpacked((y + _weighted(_RK4_B, changes)).reshape(15, 7, H, K))
+        turn = np.cross(d[0], d[1:]).sum(axis=3) / 2
+        change = np.concatenate([turn, (m[1:] - m[0]) / self.units[1:, None]], axis=3)
+        return np.moveaxis(change / NUDGE, 0, -1)
+
     def _move(self, step: np.ndarray) -> None:
+        """Change turn and moment at the nodes by a step (H, K + 1, 6)."""
         turn = Rotation.from_rotvec(step[..., :3].reshape(-1, 3)).as_matrix()
         self.d = self.d @ turn.reshape(self.d.shape).swapaxes(-1, -2)
         self.m = self.m + step[..., 3:] * self.units[:, None]
+        self._march()
 
-    def _at_points(self, Z: np.ndarray) -> tuple[np.ndarray, ...] | None:
-        """Position, directors and moment (H, points, ...) at points, states at the right ends."""
-        H, K = len(self.m), self.widths.size
+    def _at_points(self, Z: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Position, directors and moment (H, points, ...) at sorted points."""
+        H, K = len(self.m), self.nodes.size - 1
+        _fill(self.changes, range(EIGHTH, DENSE), self.starts, self.h, self.sections, _A)
         interval = np.searchsorted(self.nodes[1:-1], Z, side="left")
-        tau = (Z - self.nodes[interval]) / self.widths[interval]
-        order = np.argsort(tau, kind="stable")
-        own = np.arange(15 * H) * K + interval[order, None]  # of (15, H, K) made flat
-        found = self._march(self._starts()[None], TOLERANCE, tau[order], own)
-        if found is None:
-            return None
-        y = np.empty((Z.size, 15, H))
-        y[order] = found[0].reshape(-1, 15, H)
-        y = np.moveaxis(y, 2, 0)  # (H, points, 15)
-        h, ends = self.widths[:, None], found[1]
-        edges = np.concatenate([self.r0[:, None], ends[0, ..., :3] * h], axis=1).cumsum(axis=1)
-        return (
-            edges[:, interval] + y[..., :3] * h[interval],
-            y[..., 3:12].reshape(*y.shape[:2], 3, 3),
-            y[..., 12:] * self.units[interval, None],
-            ends,
-        )
+        weights = _dense((Z - self.nodes[interval]) / np.diff(self.nodes)[interval])
+        y = np.array(self.starts.reshape(15, H, K)[..., interval])
+        changes = self.changes.reshape(DENSE, 15 * H, K)
+        first = np.searchsorted(interval, np.arange(K + 1))
+        for k in np.unique(interval):
+            own = slice(first[k], first[k + 1])
+            y[..., own] += (changes[..., k].T @ weights[own].T).reshape(15, H, -1)
+        ends = self._ends()[0]
+        r, d, m = unpacked(y)
+        edges = np.concatenate([self.r0[:, None], ends], axis=1).cumsum(axis=1)
+        return r + edges[:, interval], d, m
+
+
+def _fill(
+    changes: np.ndarray,
+    stages: range,
+    y: np.ndarray,
+    h: np.ndarray,
+    sections: Sections,
+    A: np.ndarray,
+) -> None:
+    """Set h times the slopes of some stages of an explicit Runge-Kutta step from y.
+
+    changes : (stages, *y.shape)
+    """
+    for s in stages:
+        np.multiply(h, sections.rates(y + _weighted(A[s, :s], changes), s), out=changes[s])
+
+
+def _weighted(weights: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """Weighted sum of the first changes; of none it is 0."""
+    flat = changes.reshape(len(changes), -1)[: weights.size]
+    return np.asarray((weights @ flat).reshape(changes.shape[1:]))
+
+
+def _dense(tau: np.ndarray) -> np.ndarray:
+    """Weights (..., 16) of the stages of a step, which interpolate it at tau from 0 to 1.
+
+    The seventh-order interpolation of DOP853: Hairer, Norsett & Wanner, Solving ODEs I, II.6.
+    """
+    start, end = np.eye(DENSE)[0], np.eye(DENSE)[EIGHTH]
+    step = np.append(DOP853.B, np.zeros(DENSE - EIGHTH))
+    terms = np.stack([step, start - step, 2 * step - start - end, *DOP853.D])
+    factors = np.stack([tau, 1 - tau] * 4, axis=-1)[..., : len(terms)]
+    return np.asarray(np.cumprod(factors, axis=-1) @ terms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,19 +311,22 @@ class _Growth:
 
     @property
     def bearable(self) -> np.ndarray:
-        """Which rods (H,) can be cut into intervals over which errors grow little."""
+        """Which rods (H,) are not so wound up that their equations are meaningless."""
         growth = np.sum(np.diff(self.Z) * (self.rates[:, 1:] + self.rates[:, :-1]) / 2, axis=1)
-        return np.asarray(growth < MAX_TURN * MAX_INTERVALS)
+        return np.asarray(growth < MAX_GROWTH)
 
-    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (K + 1,) between which errors grow little, and units of moment there in N m."""
+    def nodes(self) -> np.ndarray:
+        """Nodes (K + 1,) between which errors grow little."""
         Z, rate = self.Z, self.rates.max(axis=0)
         growth = np.concatenate([[0.0], np.cumsum(np.diff(Z) * (rate[1:] + rate[:-1]) / 2)])
-        each = max(TURN, growth[-1] / MAX_INTERVALS)
         nodes = [0.0]
         for start, end in pairwise(np.searchsorted(Z, self.jumps).tolist()):
-            count = max(1, math.ceil((growth[end] - growth[start]) / each))
+            count = max(1, math.ceil((growth[end] - growth[start]) / TURN))
             levels = np.linspace(growth[start], growth[end], count + 1)[1:-1]
             nodes += [*np.interp(levels, growth[start : end + 1], Z[start : end + 1]), Z[end]]
-        units = np.interp(nodes, Z, rate) * stiffness(self.trunk, np.asarray(nodes))[:, 1]
-        return np.asarray(nodes), units
+        return np.asarray(nodes)
+
+    def units(self, nodes: np.ndarray) -> np.ndarray:
+        """Moment in N m that bends a rod at nodes as far as it is bent, for scale."""
+        rate = np.interp(nodes, self.Z, self.rates.max(axis=0))
+        return np.asarray(rate * stiffness(self.trunk, nodes)[:, 1])

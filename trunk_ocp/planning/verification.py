@@ -259,19 +259,22 @@ def _check(
     path, end_moment, lost = _independent(trunk, x, loads, shape, Z, search)
     # Moments below a millionth of what bends the trunk to its own length are round-off.
     floor = 1e-6 * stiffness(trunk, 0.0)[1] / L
-    turn = np.linalg.norm(path.directors - shape.directors(Z), axis=3).max(axis=(1, 2))
+    directors, moment = shape.frames(Z)
+    turn = np.linalg.norm(path.directors - directors, axis=3).max(axis=(1, 2))
     largest = np.maximum(np.linalg.norm(path.moment, axis=2).max(axis=1), floor)
-    at_common = np.isin(Z, common)
+    at_common = np.searchsorted(Z, common)
     return _Rods(
         Trajectory(common, *(values[:, at_common] for values in _values(path))),
         tuple(
-            Trajectory(own, *(values[t : t + 1, np.isin(Z, own)] for values in _values(path)))
+            Trajectory(
+                own, *(values[t : t + 1, np.searchsorted(Z, own)] for values in _values(path))
+            )
             for t, own in enumerate(points)
         ),
         np.linalg.norm(path.position - shape.position(Z), axis=2).max(axis=1),
         turn,
         _stretch(trunk, x, loads, path),
-        np.linalg.norm(path.moment - shape.moment(Z), axis=2).max(axis=1) / largest,
+        np.linalg.norm(path.moment - moment, axis=2).max(axis=1) / largest,
         np.linalg.norm(end_moment, axis=1) / largest,
         lost | ~(turn <= LOST_TURN),
     )

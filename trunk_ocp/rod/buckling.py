@@ -109,6 +109,19 @@ def buckling_margin(
     return Stability(np.minimum(margin, 1.0), index)
 
 
+def all_stable(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]) -> bool:
+    """Whether all of some equilibria are stable; a tenth of the work of their margins.
+
+    Arguments and errors are those of `buckling_margin`.
+    """
+    Z = shape.mesh.points.ravel()
+    activations, each, which = matched(shape, activation, loads)
+    forces = np.array([internal_force(load, shape.trunk, Z) for load in each])[which]
+    levers = np.array([lever_density(load, shape.trunk, Z) for load in each])[which]
+    parts = integrand(shape, activations, forces, levers)
+    return _ElementChain.of(shape.mesh, *parts).all_above(NEUTRAL_MARGIN)
+
+
 def matched(
     shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loads]
 ) -> tuple[np.ndarray, list[Loads], np.ndarray]:
@@ -202,7 +215,7 @@ def quadratic_form(
 
 @dataclass(frozen=True, eq=False)
 class _ElementChain:
-    """Q of one shape, element by element: in the unknowns s (3 d) and the turn y at the left edge.
+    """Q of shapes (...), element by element: in unknowns s (3 d) and the turn y at the left edge.
 
     Let y_1 . P y_1 be the least value of Q over all elements beyond, for a turn y_1 at the right
     edge. Then
@@ -215,9 +228,9 @@ class _ElementChain:
 
     Attributes
     ----------
-    inner : (E, 3 d, 3 d)
-    mixed, over : (E, 3, 3 d)
-    edge : (E, 3, 3)
+    inner : (..., E, 3 d, 3 d)
+    mixed, over : (..., E, 3, 3 d)
+    edge : (..., E, 3, 3)
     """
 
     inner: np.ndarray
@@ -227,22 +240,23 @@ class _ElementChain:
 
     @classmethod
     def of(cls, mesh: Mesh, rate: np.ndarray, by_turn: np.ndarray, by_rate: np.ndarray) -> Self:
-        """The chain of an integrand (n, 3, 3) on a mesh; see `integrand`."""
-        element, E, d = gauss(mesh.degree), mesh.elements, mesh.degree
-        each = (E, d, 3, 3)
-        rates = (mesh.widths[:, None, None, None] * rate.reshape(each)).swapaxes(1, 2)
-        turn = np.einsum("kj,eajb->ekajb", element.integral(element.nodes), rates)
+        """The chain of an integrand (..., n, 3, 3) on a mesh; see `integrand`."""
+        element, E, d, batch = gauss(mesh.degree), mesh.elements, mesh.degree, rate.shape[:-3]
+        each, square = (*batch, E, d, 3, 3), (*batch, E, 3 * d, 3 * d)
+        rates = (mesh.widths[:, None, None, None] * rate.reshape(each)).swapaxes(-3, -2)
+        turn = np.einsum("kj,...ajb->...kajb", element.integral(element.nodes), rates)
         over = element.integral(1.0)[:, None] * rates
         A = (by_turn + by_turn.swapaxes(-1, -2)).reshape(each) / 2
-        load = np.einsum("ekac,ekcjb->ekajb", A, turn)
-        mixed = load.sum(axis=1)
+        load = np.einsum("...kac,...kcjb->...kajb", A, turn)
+        mixed = load.sum(axis=-4)
         half = (by_rate @ rate).reshape(each) / 2
-        mixed += half.swapaxes(1, 2)
+        mixed += half.swapaxes(-3, -2)
         points = np.arange(d)
-        load[:, points, :, points] += 2 * half.swapaxes(0, 1)
-        Q = turn.reshape(E, 3 * d, 3 * d).swapaxes(1, 2) @ load.reshape(E, 3 * d, 3 * d)
-        inner = np.eye(3 * d) + (Q + Q.swapaxes(1, 2)) / 2
-        return cls(inner, mixed.reshape(E, 3, -1), over.reshape(E, 3, -1), A.sum(axis=1))
+        load[..., points, :, points, :] += 2 * np.moveaxis(half, -3, 0)
+        Q = turn.reshape(square).swapaxes(-1, -2) @ load.reshape(square)
+        inner = np.eye(3 * d) + (Q + Q.swapaxes(-1, -2)) / 2
+        rows = (*batch, E, 3, 3 * d)
+        return cls(inner, mixed.reshape(rows), over.reshape(rows), A.sum(axis=-3))
 
     def margin(self) -> tuple[float, int]:
         """Least eigenvalue, at most 1, and how many are below -NEUTRAL_MARGIN."""
@@ -258,6 +272,25 @@ class _ElementChain:
             low, high = (low, middle) if self.below(middle, 1) else (middle, high)
         return low, self.below(-NEUTRAL_MARGIN) if low < -NEUTRAL_MARGIN else 0
 
+    def all_above(self, share: float) -> bool:
+        """Whether all eigenvalues of all shapes are above a share of the stiffness."""
+        P = np.zeros((*self.edge.shape[:-3], 3, 3))
+        parts = (self.inner, self.mixed, self.over, self.edge)
+        elements = zip(*(np.moveaxis(part, -3, 0)[::-1] for part in parts), strict=True)
+        for inner, mixed, over, edge in elements:
+            push = P @ over
+            matrix = inner + over.swapaxes(-1, -2) @ push - share * np.eye(inner.shape[-1])
+            right = mixed + push
+            if not np.all(np.isfinite(matrix)):
+                return False
+            try:
+                np.linalg.cholesky(matrix)  # fails unless all are positive definite
+                P = edge + P - right @ np.linalg.solve(matrix, right.swapaxes(-1, -2))
+            except np.linalg.LinAlgError:
+                return False
+            P = (P + P.swapaxes(-1, -2)) / 2
+        return True
+
     def below(self, share: float, enough: float = math.inf) -> int:
         """Number of eigenvalues below a share of the stiffness; counts no further than `enough`."""
         count, P = 0, np.zeros((3, 3))
@@ -267,11 +300,11 @@ class _ElementChain:
             push = P @ over
             matrix = inner + over.T @ push
             matrix.flat[:: len(inner) + 1] -= share
+            if not np.all(np.isfinite(matrix)):
+                return count + 1  # overflow: the loads are enormous
             try:
                 np.linalg.cholesky(matrix)  # positive definite, as a rule: cheaper than eigenvalues
             except np.linalg.LinAlgError:
-                if not np.all(np.isfinite(matrix)):
-                    return count + 1  # overflow: the loads are enormous
                 count += int(np.count_nonzero(np.linalg.eigvalsh(matrix) <= 0))
                 if count >= enough:
                     return count

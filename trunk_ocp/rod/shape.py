@@ -59,13 +59,18 @@ class Shape:
 
     def directors(self, Z: np.ndarray) -> np.ndarray:
         """Directors, (..., n, 3, 3): row i is d_i in space axes."""
-        q = self.state(Z)[..., ORIENTATION]
-        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        return director_rows(q)
+        return self.frames(Z)[0]
 
     def moment(self, Z: np.ndarray) -> np.ndarray:
         """Internal moment m(Z), (..., n, 3) N m, in the directors."""
         return self.state(Z)[..., MOMENT]
+
+    def frames(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Directors (..., n, 3, 3) and moment (..., n, 3) together, which saves time."""
+        state = self.state(Z)
+        q = state[..., ORIENTATION]
+        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+        return director_rows(q), state[..., MOMENT]
 
     def strain(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Extension zeta (..., n) and curvature u (..., n, 3) in 1/m of the loaded trunk (eq. 15).

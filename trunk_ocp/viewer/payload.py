@@ -75,8 +75,8 @@ def _outcome(plan: Plan) -> dict[str, Any]:
     J = plan.objective.paper
     return {
         "mode": plan.mode,
-        "status": plan.status.value,
-        "solved": plan.status is Status.SOLVED,
+        "status": plan.check().value,
+        "solved": plan.check() is Status.SOLVED,
         "objective": J if math.isfinite(J) else None,
     }
 

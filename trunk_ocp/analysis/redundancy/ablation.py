@@ -143,7 +143,7 @@ def _result(muscles: tuple[str, ...], spare: bool, plan: Plan, reference: float)
     return AblationResult(
         muscles=muscles,
         spare=spare,
-        status=plan.status.name.lower(),
+        status=plan.check().name.lower(),
         planner_objective=figures.planner_objective,
         paper_objective=figures.paper_objective,
         ratio=figures.planner_objective / reference if reference else np.inf,

@@ -108,7 +108,7 @@ def shape_preserving_sets(plan: Plan, joint: bool) -> list[ActivationSet]:
     """
     if not plan.verified:
         raise InputError(
-            f"{plan.motion.name}, {plan.mode}: {plan.status.value}. Expected a verified plan of "
+            f"{plan.motion.name}, {plan.mode}: {plan.check().value}. Expected a verified plan of "
             "all time steps; plan the motion first."
         )
     count = len(plan.x)
