@@ -17,24 +17,24 @@ longer than their arithmetic.
 
 from __future__ import annotations
 
+import inspect
 import math
+import sys
 from typing import Any
 
 import casadi as ca
 import numba
 import numpy as np
-from scipy.integrate import DOP853
 
 from .._support.casadi_to_python import python_source
+from .._support.compiled import compiler
+from .dormand_prince import STAGES, A, B, C
 from .equations import ARGUMENTS, MEAN, PARAMETERS, RATES, STATES, STRAINS, rate_arguments, rates
 
-STAGES = 12
 PATH = RATES  # q, m, r at a step's edge
 COLUMNS = 4  # tangents marched together
 VARIED = STATES + STRAINS  # the arguments that tangents vary
-_A = np.ascontiguousarray(DOP853.A[:STAGES, :STAGES])
-_B = np.ascontiguousarray(DOP853.B)
-NODES = np.ascontiguousarray(DOP853.C[:STAGES])
+NODES = C
 
 MAX_ITERATIONS = 25
 STEP_TOL = 1e-4  # on the last Newton step, relative; the error after it is its square
@@ -44,26 +44,34 @@ MIN_LOAD_STEP = 1e-4
 
 # Not "nnan" and "ninf": NaN and infinity must keep their meaning, as they reveal a Newton iteration
 # that diverges. Division by zero gives infinity instead of raising.
-_compile: Any = numba.njit(
-    error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz", "arcp"}
-)
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+}
 
 
-def _directional_rates() -> Any:
-    """Compiled (w, p, D) -> rates (10) and their derivatives (10 x 4) along D.
+def _source() -> str:
+    """Source of directional_rates: (w, p, D) -> rates (10) and their derivatives (10 x 4) along D.
 
     D (12 x 4), by columns: four directions of the state (7) and the strains (5).
     """
     (w, p), D = rate_arguments(), ca.SX.sym("D", VARIED, COLUMNS)
     value = rates()(w, p)
     along = ca.densify(ca.mtimes(ca.jacobian(value, w)[:, :VARIED], D))
-    namespace: dict[str, Any] = {}
     function = ca.Function("directional_rates", [w, p, D], [value, along])
-    exec(python_source(function, "directional_rates"), namespace)  # source made just above
-    return _compile(namespace["directional_rates"])
+    return python_source(function, "directional_rates")
 
 
-directional_rates = _directional_rates()
+_RATES = _source()
+_namespace: dict[str, Any] = {}
+exec(_RATES, _namespace)  # source made just above
+
+# Kernels have a copy of all that they call. Otherwise functions that two of them call would come
+# from whichever was loaded first, and last digits would depend on that.
+_compile: Any = numba.njit(forceinline=True, **_OPTIONS)
+_kernel: Any = compiler(inspect.getsource(sys.modules[__name__]) + _RATES, _OPTIONS)
+directional_rates = _compile(_namespace["directional_rates"])
 
 
 @_compile
@@ -78,13 +86,13 @@ def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
         for i in range(STATES):
             value = x[i]
             for j in range(s):
-                value += h * _A[s, j] * k[j, i]
+                value += h * A[s, j] * k[j, i]
             w[i] = value
         for c in range(COLUMNS):
             for i in range(STATES):
                 value = T[c, i]
                 for j in range(s):
-                    value += h * _A[s, j] * kT[j, c * RATES + i]
+                    value += h * A[s, j] * kT[j, c * RATES + i]
                 D[c * VARIED + i] = value
         for i in range(5):
             p[i] = points[s, i]
@@ -94,12 +102,12 @@ def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
     for i in range(PATH):
         value = x[i]
         for s in range(STAGES):
-            value += h * _B[s] * k[s, i]
+            value += h * B[s] * k[s, i]
         end[i] = value
         for c in range(COLUMNS):
             value = T[c, i]
             for s in range(STAGES):
-                value += h * _B[s] * kT[s, c * RATES + i]
+                value += h * B[s] * kT[s, c * RATES + i]
             T_end[c, i] = value
 
 
@@ -205,7 +213,7 @@ def _expm1_over(x, y):
     return (u * x + v * y) / square, (v * x - u * y) / square
 
 
-@_compile
+@_kernel
 def unloaded_paths(paths, strain, segment, edges, taper, k):
     """Unloaded paths (B, n + 1, 10) from the first point of each, in place."""
     for b in range(paths.shape[0]):
@@ -213,25 +221,23 @@ def unloaded_paths(paths, strain, segment, edges, taper, k):
 
 
 @_compile
-def _raise_load(path, start, w, points, h, strain, segment, floor):
-    """Raise the load in steps from `start`, without load; path in place, returns the share reached.
+def _load(path, trial, w, points, h, strain, segment, floor):
+    """Raise the load on a path without load, in place; returns the share of the load reached.
 
-    As `continuation.raise_load`, on the given steps.
+    First all at once, from the guess `trial`; then in steps, as `continuation.raise_load` does.
     """
-    reached, ahead = 0.0, FIRST_LOAD_STEP
-    _copy(start, path)
-    trial = np.empty_like(path)
-    while reached < 1.0:
-        target = min(1.0, reached + ahead)
-        _copy(path, trial)
+    reached, ahead, target = 0.0, 2 * FIRST_LOAD_STEP, 1.0
+    while ahead >= MIN_LOAD_STEP:
         found = _newton(trial, target, w, points, h, strain, segment, floor)
         if found and _least_stretch(trial, target, w[MEAN], points) > 0.0:
             _copy(trial, path)
             reached, ahead = target, 2 * ahead
+            if reached == 1.0:
+                break
         else:
             ahead /= 2
-            if ahead < MIN_LOAD_STEP:
-                break
+        target = min(1.0, reached + ahead)
+        _copy(path, trial)
     return reached
 
 
@@ -270,7 +276,7 @@ def _copy(source, target):
             target[e, i] = source[e, i]
 
 
-@_compile
+@_kernel
 def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached):
     """Equilibrium paths (B, n + 1, 10) from guesses, in place.
 
@@ -279,16 +285,15 @@ def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached
     floor : moment in N m; Newton steps of smaller moments are measured against it
     reached : (B,), share of the load at which an equilibrium was found; set here
     """
-    w = np.zeros(ARGUMENTS)
+    w, trial = np.zeros(ARGUMENTS), np.empty(paths.shape[1:])
     for b in range(paths.shape[0]):
         w[MEAN] = mean[b]
-        reached[b] = 1.0
-        found = _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor)
-        if not (found and _least_stretch(paths[b], 1.0, mean[b], points) > 0.0):
-            reached[b] = _raise_load(paths[b], starts[b], w, points, h, strain[b], segment, floor)
+        _copy(paths[b], trial)
+        _copy(starts[b], paths[b])
+        reached[b] = _load(paths[b], trial, w, points, h, strain[b], segment, floor)
 
 
-@_compile
+@_kernel
 def tangent_paths(paths, mean, points, h, strain, segment, base_slopes, T, gap):
     """Tangents T (B, groups, n + 1, 4, 10) along converged paths (B, n + 1, 10).
 
