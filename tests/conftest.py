@@ -34,8 +34,11 @@ def build():
     return rods.rod
 
 
-def pytest_configure():
-    """A shell's background jobs ignore Ctrl-C, and so would every process that tests start."""
+def pytest_configure(config):
+    """What every process that tests start inherits."""
+    # Compiled kernels are kept with the tests, not in the user's cache folder.
+    os.environ["NUMBA_CACHE_DIR"] = str(config.cache.mkdir("numba"))
+    # A shell's background jobs ignore Ctrl-C.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -2,20 +2,23 @@
 
 import copy
 import math
+import multiprocessing
 import pickle
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
 import casadi as ca
 import numpy as np
 import pytest
+import scipy.integrate
 from plans import thin_tipped
 
 import trunk_ocp
 from trunk_ocp._support.casadi_to_python import python_source
 from trunk_ocp.errors import InputError, StaticsError, TrunkError
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.rod import shape_map
+from trunk_ocp.rod import dormand_prince, shape_map
 from trunk_ocp.rod import shooting_kernels as shooting
 from trunk_ocp.rod.arguments import Controls
 from trunk_ocp.rod.collocation import mesh_for
@@ -528,6 +531,13 @@ def translated(function):
     return namespace["python"]
 
 
+def test_the_integrator_is_that_of_scipy():
+    known = scipy.integrate.DOP853
+    np.testing.assert_array_equal(dormand_prince.A, known.A[:12, :12])
+    np.testing.assert_array_equal(dormand_prince.B, known.B)
+    np.testing.assert_array_equal(dormand_prince.C, known.C[:12])
+
+
 def test_translated_rates_are_those_of_casadi():
     rng = np.random.default_rng(134)
     for _ in range(10):
@@ -557,6 +567,46 @@ def test_an_operation_that_is_not_translated_is_refused():
     graph = ca.Function("graph", [y], [y + y])
     with pytest.raises(TrunkError, match="graph: expected an SX function"):
         python_source(graph, "graph")
+
+
+# --- processes ----------------------------------------------------------------------
+
+
+def shapes_elsewhere(solve, activation):
+    """Shapes and slopes of a pickled map, and how many kernels this process compiled."""
+    shapes = solve(activation)
+    slopes = solve.jacobian(shapes, activation)
+    kernels = (shooting.unloaded_paths, shooting.loaded_paths, shooting.tangent_paths)
+    compiled = sum(sum(kernel.compiled.stats.cache_misses.values()) for kernel in kernels)
+    return shapes.path, slopes, compiled
+
+
+@pytest.mark.parametrize("start", ["spawn", "fork"])
+def test_another_process_loads_what_is_compiled_and_finds_the_same_shapes(trunk, start):
+    solve = ShapeMap(trunk, LOADS["contact"], steps=3)
+    activation = np.zeros((2, 28))
+    activation[1, 0] = -1.5  # bends sharply enough to need more steps
+    path, slopes, _ = shapes_elsewhere(solve, activation)
+    assert "_finer" in vars(solve)
+    with ProcessPoolExecutor(1, multiprocessing.get_context(start)) as pool:
+        elsewhere = pool.submit(shapes_elsewhere, solve, activation).result()
+    np.testing.assert_array_equal(elsewhere[0], path)
+    for there, here in zip(elsewhere[1], slopes, strict=True):
+        np.testing.assert_array_equal(there, here)
+    assert start == "fork" or elsewhere[2] == 0
+
+
+def test_after_warm_up_no_call_compiles_anything(trunk):
+    solve, two = ShapeMap(trunk, LOADS["contact"], steps=3, threads=2), np.zeros((2, 28))
+    assert solve.warm_up() is None
+    kernels = [shooting.unloaded_paths, shooting.loaded_paths, shooting.tangent_paths]
+    before = [kernel.compiled.signatures for kernel in kernels]
+    for shapes in (solve(two), solve(REST), solve(two, start=solve(REST)), solve.unloaded(REST)):
+        solve.jacobian(shapes, REST)
+        solve.jacobian(shapes, two)
+    solve(np.asfortranarray(two), np.zeros((2, 2), dtype=int))
+    assert [kernel.compiled.signatures for kernel in kernels] == before
+    assert [len(signatures) for signatures in before] == [1, 1, 1]
 
 
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda map_: pickle.loads(pickle.dumps(map_))])

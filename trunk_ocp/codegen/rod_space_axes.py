@@ -15,7 +15,7 @@ has the numbers of a point of the trunk.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 
 import casadi as ca
 
@@ -68,7 +68,7 @@ def _strains(w: ca.SX, p: ca.SX) -> tuple[tuple[tuple[ca.SX, ...], ...], ca.SX, 
     return d, zeta, u
 
 
-@cache
+@lru_cache(maxsize=64)
 def base(head: Head) -> ca.Function:
     """Orientation q (4) and position r (3) of the base from psi_Z, psi_Y; p is empty."""
     psi = ca.SX.sym("psi", 2)
@@ -159,7 +159,7 @@ def _kernel(name: str, w: ca.SX, p: ca.SX, outputs: list[ca.SX]) -> ca.Function:
     return ca.Function(name, [w, p], [ca.vertcat(*outputs)], ["w", "p"], [name])
 
 
-@cache
+@lru_cache(maxsize=64)
 def with_slopes(kernel: ca.Function) -> ca.Function:
     """(w, p) -> the kernel's outputs (m) and their derivatives with respect to w (m, n), dense."""
     w, p, value = _symbols(kernel)
@@ -168,7 +168,7 @@ def with_slopes(kernel: ca.Function) -> ca.Function:
     return ca.Function(name, [w, p], [value, slopes], ["w", "p"], ["value", "slopes"])
 
 
-@cache
+@lru_cache(maxsize=64)
 def second_along(kernel: ca.Function) -> ca.Function:
     """(w, p, a, b) -> second derivative (m) of the kernel along two directions (n) of w."""
     w, p, value = _symbols(kernel)

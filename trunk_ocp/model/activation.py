@@ -10,7 +10,7 @@ for each segment, linear in the activations.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def radial_integrals(trunk: Trunk, muscle: Muscle) -> tuple[float, float, float]
     return delta_0, delta_1, delta_3
 
 
-@cache
+@lru_cache(maxsize=64)
 def strain_matrix(trunk: Trunk) -> np.ndarray:
     """Matrix A, (segments, 4, muscles), of the strain map.
 

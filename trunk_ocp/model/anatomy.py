@@ -233,7 +233,9 @@ class Trunk:
 
     def __hash__(self) -> int:
         # A few fields only: caches look trunks up in every call, and hashing all muscles is slow.
-        return hash((self.name, self.length, self.edges))
+        # The numbers that are identified from recordings, so that candidates have different hashes.
+        numbers = (self.length, self.base_radius, self.youngs_modulus, self.density)
+        return hash((self.name, *numbers, self.edges))
 
     def __repr__(self) -> str:
         return f"<Trunk {self.name}: {self.segments} segments, {len(self.subdomains)} muscles>"

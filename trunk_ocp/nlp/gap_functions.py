@@ -19,7 +19,7 @@ converged as fast as with spheres.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 
 import casadi as ca
 
@@ -79,7 +79,7 @@ def section_gap() -> ca.Function:
     return ca.Function("section_gap", [w, p], [gap])
 
 
-@cache
+@lru_cache(maxsize=64)
 def scaled_stretch(length: float, moment: float) -> ca.Function:
     """Extension zeta of the loaded rod, with the arguments of `scaled_rates`."""
     w, p = rate_arguments()

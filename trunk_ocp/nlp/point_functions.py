@@ -6,7 +6,7 @@ E I(0) / L; see `window`.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import casadi as ca
 
@@ -17,7 +17,7 @@ from ..model.solids import pivot
 from ..rod.equations import rate_arguments, rates
 
 
-@cache
+@lru_cache(maxsize=64)
 def scaled_rates(length: float, moment: float, hung: bool = False) -> ca.Function:
     """`rates` in the NLP's units (lengths in L, moments in E I(0) / L), per L of Z."""
     w, p = rate_arguments(hung)
@@ -27,7 +27,7 @@ def scaled_rates(length: float, moment: float, hung: bool = False) -> ca.Functio
     return ca.Function(name, [w, p], [to_units * rates(hung)(to_si * w, p)])
 
 
-@cache
+@lru_cache(maxsize=64)
 def base(trunk: Trunk) -> ca.Function:
     """Base position in units of L, and orientation, from the head angles."""
     psi = ca.SX.sym("psi", 2)
@@ -55,14 +55,14 @@ def scaled_vector() -> ca.Function:
     return ca.Function("scaled_vector", [D, p], [p * D])
 
 
-@cache
+@lru_cache(maxsize=64)
 def squared_distance(length: float) -> ca.Function:
     """Weighted squared distance in m^2 of r (3) from p = (target in m, weight)."""
     r, p = ca.SX.sym("r", 3), ca.SX.sym("p", 4)
     return ca.Function("squared_distance", [r, p], [p[3] * ca.sumsqr(length * r - p[:3])])
 
 
-@cache
+@lru_cache(maxsize=64)
 def squared_distance_in_head(trunk: Trunk) -> ca.Function:
     """`squared_distance` for w = (r, head angles) from a target that turns with the head."""
     w, p = ca.SX.sym("w", 5), ca.SX.sym("p", 4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -65,7 +65,7 @@ def scalar(name: str) -> Meaning:
     return Meaning(name, Quantity(name, (Component(name, "1", 1.0),)))
 
 
-@cache
+@lru_cache(maxsize=64)
 def units_of(trunk: Trunk) -> Units:
     """Units of the NLPs of a trunk."""
     length = trunk.length
@@ -73,7 +73,7 @@ def units_of(trunk: Trunk) -> Units:
     return Units(length, moment, moment / length)
 
 
-@cache
+@lru_cache(maxsize=64)
 def quantities(trunk: Trunk) -> dict[str, Quantity]:
     """All quantities in the NLPs of a trunk, by name."""
     units = units_of(trunk)

@@ -46,7 +46,8 @@ MAX_HALVINGS = 4  # of the steps, where a shape bends too sharply for them
 class ShapeMap:
     """Equilibrium shapes of one trunk under one set of loads, for any activations and head.
 
-    Compiled at its first use in a process, which takes some seconds.
+    Compiled at its first use on a machine, which takes some seconds, and loaded from the user's
+    cache folder afterward; see `warm_up`.
 
     Parameters
     ----------
@@ -179,6 +180,17 @@ class ShapeMap:
         self._solve(controls, paths, unloaded, np.arange(len(paths)))
         return self._shapes(paths, controls.batch)
 
+    def warm_up(self) -> None:
+        """Load or compile everything now, so that no later call waits for it.
+
+        Compiling takes some seconds, once per machine. What is compiled is kept in `trunk_ocp` in
+        the user's cache folder, such as `~/.cache`, or in NUMBA_CACHE_DIR; loading it takes
+        tenths of a second. Where the folder is not writable or not the user's own, every process
+        compiles in memory.
+        """
+        nothing = np.zeros((0, len(self.trunk.muscles)))
+        self.jacobian(self(nothing), nothing)
+
     def unloaded(
         self, activation: np.ndarray, head: np.ndarray | tuple[float, float] = (0.0, 0.0)
     ) -> PointShapes:
@@ -214,8 +226,9 @@ class ShapeMap:
         """
         check_points(self.Z, shapes)
         controls = Controls.of(self.trunk, activation, head, self.strict, shapes.path.shape[:-2])
-        paths = np.broadcast_to(shapes.path, (*controls.batch, self.Z.size, RATES))
-        slopes = self._slopes(controls, np.ascontiguousarray(paths).reshape(-1, self.Z.size, RATES))
+        # A copy: kernels are compiled for arrays that can be written.
+        paths = np.broadcast_to(shapes.path, (*controls.batch, self.Z.size, RATES)).copy()
+        slopes = self._slopes(controls, paths.reshape(-1, self.Z.size, RATES))
         slopes = slopes.reshape(*controls.batch, *slopes.shape[1:])
         return slopes[..., :3, :], slopes[..., 3:, :]
 

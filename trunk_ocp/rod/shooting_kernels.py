@@ -11,30 +11,47 @@ The rod's equations and their derivatives are translated from the instructions o
 repeat them: `_unloaded`, and `_least_stretch` with the strain law of eq. (15). Numba cannot call
 CasADi, nor take slices as constants: 0-3 are q, 4-6 m and 7-9 r, as in `equations`.
 
+Four rods, or four groups of tangents of one rod, go side by side in the lanes of vector registers.
+All numbers of a step are in one array, by component and lane: LLVM sees that nothing overlaps, and
+makes vector instructions of the loops over lanes. What one lane holds never depends on the others.
+
 Loops are written out because numba then allocates nothing; calls on small arrays would take
 longer than their arithmetic.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
+import sys
 from typing import Any
 
 import casadi as ca
 import numba
 import numpy as np
-from scipy.integrate import DOP853
 
 from .._support.casadi_to_python import python_source
+from .._support.compiled import compiler
+from .dormand_prince import STAGES, A, B, C
 from .equations import ARGUMENTS, MEAN, PARAMETERS, RATES, STATES, STRAINS, rate_arguments, rates
 
-STAGES = 12
-PATH = RATES  # q, m, r at a step's edge
+LANES = 4
 COLUMNS = 4  # tangents marched together
 VARIED = STATES + STRAINS  # the arguments that tangents vary
-_A = np.ascontiguousarray(DOP853.A[:STAGES, :STAGES])
-_B = np.ascontiguousarray(DOP853.B)
-NODES = np.ascontiguousarray(DOP853.C[:STAGES])
+PATH = RATES  # q, m, r at a step's edge
+NUMBERS = PATH * (1 + COLUMNS)  # at an edge: the path, then its tangents
+
+# Places in the array of a step, in numbers of LANES each.
+STAGE = 0  # the path and its tangents at a stage
+STRAIN = STAGE + NUMBERS  # arguments of `rates` beside the state: strains, mean, tip force
+POINT = STRAIN + ARGUMENTS - STATES  # its parameters
+TURNED = POINT + PARAMETERS  # derivatives of strains and mean, by columns
+RATE = TURNED + COLUMNS * STRAINS  # rates of the path and of its tangents
+START = RATE + NUMBERS  # the path and its tangents where the step starts
+KEPT = START + NUMBERS  # rates at all stages
+SIZE = KEPT + STAGES * NUMBERS
+NODES = C
 
 MAX_ITERATIONS = 25
 STEP_TOL = 1e-4  # on the last Newton step, relative; the error after it is its square
@@ -44,109 +61,171 @@ MIN_LOAD_STEP = 1e-4
 
 # Not "nnan" and "ninf": NaN and infinity must keep their meaning, as they reveal a Newton iteration
 # that diverges. Division by zero gives infinity instead of raising.
-_compile: Any = numba.njit(
-    error_model="numpy", nogil=True, fastmath={"reassoc", "contract", "nsz", "arcp"}
-)
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz", "arcp"},
+}
 
 
-def _directional_rates() -> Any:
-    """Compiled (w, p, D) -> rates (10) and their derivatives (10 x 4) along D.
+def _source() -> str:
+    """Source of `directional_rates` and `combine`, whose argument is the array of a step.
 
-    D (12 x 4), by columns: four directions of the state (7) and the strains (5).
+    The first sets the rates and their derivatives along the tangents, from all else at a stage. The
+    second sets stage s, the start plus h times a weighted sum of the rates before; s = STAGES is
+    the end of the step.
     """
     (w, p), D = rate_arguments(), ca.SX.sym("D", VARIED, COLUMNS)
     value = rates()(w, p)
     along = ca.densify(ca.mtimes(ca.jacobian(value, w)[:, :VARIED], D))
-    namespace: dict[str, Any] = {}
     function = ca.Function("directional_rates", [w, p, D], [value, along])
-    exec(python_source(function, "directional_rates"), namespace)  # source made just above
-    return _compile(namespace["directional_rates"])
+    _, *body = python_source(function, "directional_rates").splitlines()
+    lines = ["def directional_rates(b):", f"    for lane in range({LANES}):"]
+    lines += ["    " + re.sub(r"([io])(\d)\[(\d+)\]", _place, line) for line in body]
+    lines += ["def combine(b, s, h):"]
+    for s, weights in enumerate((*A, B)):
+        terms = [
+            f"{float(weight)!r} * b[{LANES * (KEPT + j * NUMBERS)} + i]"
+            for j, weight in enumerate(weights)
+            if weight
+        ]
+        lines += [
+            f"    if s == {s}:",
+            f"        for i in range({LANES * NUMBERS}):",
+            f"            b[{LANES * STAGE} + i] = b[{LANES * START} + i]"
+            + (f" + h * ({' + '.join(terms)})" if terms else ""),
+        ]
+    return "\n".join(lines)
 
 
-directional_rates = _directional_rates()
+def _place(match: re.Match[str]) -> str:
+    """Where the array of a step has an argument (i) or result (o) of `directional_rates`."""
+    kind, entry = match[1] + match[2], int(match[3])
+    column, row = divmod(entry, VARIED)
+    place = {
+        "i0": STAGE + entry if entry < STATES else STRAIN + entry - STATES,
+        "i1": POINT + entry,
+        "i2": STAGE + PATH * (1 + column) + row
+        if row < STATES
+        else TURNED + STRAINS * column + row - STATES,
+        "o0": RATE + entry,
+        "o1": RATE + PATH + entry,
+    }[kind]
+    return f"b[{LANES * place} + lane]"
+
+
+_SOURCE = _source()
+_namespace: dict[str, Any] = {}
+exec(_SOURCE, _namespace)  # source made just above
+
+# Kernels have a copy of all that they call. Otherwise functions that two of them call would come
+# from whichever was loaded first, and last digits would depend on that.
+_compile: Any = numba.njit(forceinline=True, **_OPTIONS)
+_kernel: Any = compiler(inspect.getsource(sys.modules[__name__]) + _SOURCE, _OPTIONS)
+directional_rates, combine = map(_compile, (_namespace["directional_rates"], _namespace["combine"]))
 
 
 @_compile
-def _march(x, T, end, T_end, D, w, points, fraction, h, k, kT, p):
-    """One step from x (10) with tangents T (4, 10) to `end` (10) with T_end (4, 10).
+def _march(edge, b, points, fraction, h):
+    """One step from an edge (200); leaves its end at STAGE in the array b.
 
-    D (48): the directions for `directional_rates`; the caller sets those of the strains.
-    w (15): the caller sets strains and mean extension. The load, in p from its sixth entry on and
-    tip force included, is scaled by `fraction`; w's own tip force stays zero.
+    The caller sets the strains and their derivatives in b. The load, in points (12, 11) from the
+    sixth column on and tip force included, is scaled by fraction (4); the tip force in b stays 0.
     """
+    for i in range(LANES * NUMBERS):
+        b[LANES * START + i] = edge[i]
     for s in range(STAGES):
-        for i in range(STATES):
-            value = x[i]
-            for j in range(s):
-                value += h * _A[s, j] * k[j, i]
-            w[i] = value
-        for c in range(COLUMNS):
-            for i in range(STATES):
-                value = T[c, i]
-                for j in range(s):
-                    value += h * _A[s, j] * kT[j, c * RATES + i]
-                D[c * VARIED + i] = value
-        for i in range(5):
-            p[i] = points[s, i]
-        for i in range(5, 11):
-            p[i] = fraction * points[s, i]
-        directional_rates(w, p, D, k[s], kT[s])
-    for i in range(PATH):
-        value = x[i]
-        for s in range(STAGES):
-            value += h * _B[s] * k[s, i]
-        end[i] = value
-        for c in range(COLUMNS):
-            value = T[c, i]
-            for s in range(STAGES):
-                value += h * _B[s] * kT[s, c * RATES + i]
-            T_end[c, i] = value
+        combine(b, s, h)
+        for i in range(PARAMETERS):
+            for lane in range(LANES):
+                scale = fraction[lane] if i >= 5 else 1.0
+                b[LANES * (POINT + i) + lane] = scale * points[s, i]
+        directional_rates(b)
+        for i in range(LANES * NUMBERS):
+            b[LANES * (KEPT + s * NUMBERS) + i] = b[LANES * RATE + i]
+    combine(b, STAGES, h)
 
 
 @_compile
-def _newton(path, fraction, w, points, h, strain, segment, floor):
-    """Newton's method on the path (n + 1, 10) of one rod, in place; whether it converged.
+def _newton(edges, active, fraction, b, points, h, strain, segment, floor):
+    """Newton's method on the paths of active lanes, in place; leaves those active that converged.
 
-    Each tangent T[e, c] is the change of the path at edge e per unit of dm1, dm2, dm3 (the
-    change of m(0)), and for the last, c = 3, the change that closes all gaps up to e.
+    edges : (n + 1, 200), paths, and tangents that are set here. Each is the change of the path at
+    an edge per unit of dm1, dm2, dm3 (the change of m(0)), and for the last, the change that
+    closes all gaps up to there.
     """
-    n = h.size
-    T, end, D = np.zeros((n + 1, COLUMNS, PATH)), np.empty(PATH), np.zeros(COLUMNS * VARIED)
-    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(PARAMETERS)
+    n, moving, step = h.size, active.copy(), np.zeros((COLUMNS, LANES))
+    turn, moment, largest = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for i in range(LANES * COLUMNS * STRAINS):
+        b[LANES * TURNED + i] = 0.0
+    for i in range(LANES * PATH, LANES * NUMBERS):
+        edges[0, i] = 0.0
     for c in range(3):
-        T[0, c, 4 + c] = 1.0
+        for lane in range(LANES):
+            edges[0, LANES * (PATH * (1 + c) + 4 + c) + lane] = 1.0
     for _ in range(MAX_ITERATIONS):
         for e in range(n):
             for i in range(4):
-                w[STATES + i] = strain[segment[e], i]
-            _march(path[e], T[e], end, T[e + 1], D, w, points[e], fraction, h[e], k, kT, p)
-            for i in range(PATH):
-                T[e + 1, 3, i] += end[i] - path[e + 1, i]
-        # m(L) = 0 after the step: three equations for the change of m(0), by Cramer's rule, which
-        # needs no pivots and no memory.
-        m1, m2, m3 = T[n, 0, 4:7], T[n, 1, 4:7], T[n, 2, 4:7]
-        rest = -path[n, 4:7] - T[n, 3, 4:7]
-        volume = _triple(m1, m2, m3)
-        dm1, dm2, dm3 = _triple(rest, m2, m3), _triple(m1, rest, m3), _triple(m1, m2, rest)
-        dm1, dm2, dm3 = dm1 / volume, dm2 / volume, dm3 / volume
-        if not abs(dm1) + abs(dm2) + abs(dm3) < np.inf:
-            return False  # max() below would ignore NaN
-        turn, moment, largest = 0.0, 0.0, floor
+                for lane in range(LANES):
+                    b[LANES * (STRAIN + i) + lane] = strain[lane, segment[e], i]
+            _march(edges[e], b, points[e], fraction, h[e])
+            for i in range(LANES * PATH, LANES * NUMBERS):
+                edges[e + 1, i] = b[LANES * STAGE + i]
+            for i in range(LANES * PATH):
+                edges[e + 1, LANES * PATH * COLUMNS + i] += b[LANES * STAGE + i] - edges[e + 1, i]
+        for lane in range(LANES):
+            _solve_tip(edges[n], step, moving, active, lane)
+            turn[lane], moment[lane], largest[lane] = 0.0, 0.0, floor
         for e in range(n + 1):
             for i in range(PATH):
-                change = dm1 * T[e, 0, i] + dm2 * T[e, 1, i] + dm3 * T[e, 2, i] + T[e, 3, i]
-                path[e, i] += change
-                if i < 4:
-                    turn = max(turn, abs(change))
-                elif i < STATES:
-                    moment = max(moment, abs(change))
-                    largest = max(largest, abs(path[e, i]))
-        size = turn + moment / largest
-        if size < STEP_TOL:
-            return True
-        if not size < DIVERGED:
-            return False
-    return False
+                for lane in range(LANES):
+                    if moving[lane]:
+                        at, change = LANES * i + lane, 0.0
+                        for c in range(COLUMNS):
+                            change += step[c, lane] * edges[e, at + LANES * PATH * (1 + c)]
+                        edges[e, at] += change
+                        if i < 4:
+                            turn[lane] = max(turn[lane], abs(change))
+                        elif i < STATES:
+                            moment[lane] = max(moment[lane], abs(change))
+                            largest[lane] = max(largest[lane], abs(edges[e, at]))
+        left = False
+        for lane in range(LANES):
+            if moving[lane]:
+                size = turn[lane] + moment[lane] / largest[lane]
+                active[lane] = size < DIVERGED
+                moving[lane] = active[lane] and not size < STEP_TOL
+                left = left or moving[lane]
+        if not left:
+            return
+    for lane in range(LANES):
+        active[lane] = active[lane] and not moving[lane]
+
+
+@_compile
+def _solve_tip(tip, step, moving, active, lane):
+    """Set a lane's step so that m(L) = 0 after it: three equations for the change of m(0).
+
+    By Cramer's rule, which needs no pivots and no memory. A lane without a finite solution stops.
+    """
+    m1, m2, m3 = _moment(tip, 1, lane), _moment(tip, 2, lane), _moment(tip, 3, lane)
+    m, gap = _moment(tip, 0, lane), _moment(tip, 4, lane)
+    rest = (-m[0] - gap[0], -m[1] - gap[1], -m[2] - gap[2])
+    volume = _triple(m1, m2, m3)
+    step[0, lane] = _triple(rest, m2, m3) / volume
+    step[1, lane] = _triple(m1, rest, m3) / volume
+    step[2, lane] = _triple(m1, m2, rest) / volume
+    step[3, lane] = 1.0
+    finite = abs(step[0, lane]) + abs(step[1, lane]) + abs(step[2, lane]) < np.inf
+    if moving[lane] and not finite:  # max() would ignore NaN
+        moving[lane] = active[lane] = False
+
+
+@_compile
+def _moment(edge, vector, lane):
+    """Moment of a lane's path (0) or of one of its tangents (1 to 4) at an edge."""
+    at = LANES * (PATH * vector + 4) + lane
+    return edge[at], edge[at + LANES], edge[at + 2 * LANES]
 
 
 @_compile
@@ -205,7 +284,7 @@ def _expm1_over(x, y):
     return (u * x + v * y) / square, (v * x - u * y) / square
 
 
-@_compile
+@_kernel
 def unloaded_paths(paths, strain, segment, edges, taper, k):
     """Unloaded paths (B, n + 1, 10) from the first point of each, in place."""
     for b in range(paths.shape[0]):
@@ -213,41 +292,46 @@ def unloaded_paths(paths, strain, segment, edges, taper, k):
 
 
 @_compile
-def _raise_load(path, start, w, points, h, strain, segment, floor):
-    """Raise the load in steps from `start`, without load; path in place, returns the share reached.
+def _raise_load(paths, edges, reached, b, points, h, strain, segment, floor):
+    """Raise the load on four paths (4, n + 1, 10) without load, in place, from guesses in `edges`.
 
-    As `continuation.raise_load`, on the given steps.
+    First all at once; then in steps, as `continuation.raise_load` does. Sets the share of the load
+    that is reached, (4,).
     """
-    reached, ahead = 0.0, FIRST_LOAD_STEP
-    _copy(start, path)
-    trial = np.empty_like(path)
-    while reached < 1.0:
-        target = min(1.0, reached + ahead)
-        _copy(path, trial)
-        found = _newton(trial, target, w, points, h, strain, segment, floor)
-        if found and _least_stretch(trial, target, w[MEAN], points) > 0.0:
-            _copy(trial, path)
-            reached, ahead = target, 2 * ahead
-        else:
-            ahead /= 2
-            if ahead < MIN_LOAD_STEP:
-                break
-    return reached
+    ahead, target = np.full(LANES, 2 * FIRST_LOAD_STEP), np.ones(LANES)
+    active, left = np.ones(LANES, dtype=np.bool_), True
+    while left:
+        _newton(edges, active, target, b, points, h, strain, segment, floor)
+        left = False
+        for lane in range(LANES):
+            if reached[lane] == 1.0 or ahead[lane] < MIN_LOAD_STEP:
+                active[lane] = False
+                continue
+            mean = b[LANES * (STRAIN + 4) + lane]
+            if active[lane] and _least_stretch(edges, lane, target[lane], mean, points) > 0.0:
+                _copy_out(edges, paths[lane], lane)
+                reached[lane], ahead[lane] = target[lane], 2 * ahead[lane]
+            else:
+                ahead[lane] /= 2
+            target[lane] = min(1.0, reached[lane] + ahead[lane])
+            _copy_in(paths[lane], edges, lane)
+            active[lane] = reached[lane] < 1.0 and ahead[lane] >= MIN_LOAD_STEP
+            left = left or active[lane]
 
 
 @_compile
-def _least_stretch(path, fraction, mean, points):
-    """Least zeta / zeta_hat (eq. 15) along a path, at the stages of its steps.
+def _least_stretch(edges, lane, fraction, mean, points):
+    """Least zeta / zeta_hat (eq. 15) along a lane's path, at the stages of its steps.
 
     Quaternions are interpolated linearly within a step. That is enough to find a compressed trunk,
     as zeta varies less than they do; `size` makes up for the norm that interpolation loses.
     """
     least = np.inf
-    for e in range(path.shape[0] - 1):
+    for e in range(edges.shape[0] - 1):
         for s in range(STAGES):
             t = NODES[s]
-            q0, q1 = _mix(path, e, 0, t), _mix(path, e, 1, t)
-            q2, q3 = _mix(path, e, 2, t), _mix(path, e, 3, t)
+            q0, q1 = _mix(edges, e, lane, t), _mix(edges, e, LANES + lane, t)
+            q2, q3 = _mix(edges, e, 2 * LANES + lane, t), _mix(edges, e, 3 * LANES + lane, t)
             size = q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
             V1, V2, V3 = points[e, s, 5], points[e, s, 6], points[e, s, 7]
             along = 2 * (q1 * q3 + q0 * q2) * V1 + 2 * (q2 * q3 - q0 * q1) * V2
@@ -259,18 +343,25 @@ def _least_stretch(path, fraction, mean, points):
 
 
 @_compile
-def _mix(path, e, i, t):
-    return (1.0 - t) * path[e, i] + t * path[e + 1, i]
+def _mix(edges, e, i, t):
+    return (1.0 - t) * edges[e, i] + t * edges[e + 1, i]
 
 
 @_compile
-def _copy(source, target):
-    for e in range(source.shape[0]):
-        for i in range(source.shape[1]):
-            target[e, i] = source[e, i]
+def _copy_in(path, edges, lane):
+    for e in range(path.shape[0]):
+        for i in range(PATH):
+            edges[e, LANES * i + lane] = path[e, i]
 
 
 @_compile
+def _copy_out(edges, path, lane):
+    for e in range(path.shape[0]):
+        for i in range(PATH):
+            path[e, i] = edges[e, LANES * i + lane]
+
+
+@_kernel
 def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached):
     """Equilibrium paths (B, n + 1, 10) from guesses, in place.
 
@@ -279,51 +370,76 @@ def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached
     floor : moment in N m; Newton steps of smaller moments are measured against it
     reached : (B,), share of the load at which an equilibrium was found; set here
     """
-    w = np.zeros(ARGUMENTS)
-    for b in range(paths.shape[0]):
-        w[MEAN] = mean[b]
-        reached[b] = 1.0
-        found = _newton(paths[b], 1.0, w, points, h, strain[b], segment, floor)
-        if not (found and _least_stretch(paths[b], 1.0, mean[b], points) > 0.0):
-            reached[b] = _raise_load(paths[b], starts[b], w, points, h, strain[b], segment, floor)
+    n, last = h.size, paths.shape[0] - 1
+    b, edges = np.zeros(LANES * SIZE), np.zeros((n + 1, LANES * NUMBERS))
+    four, share = np.empty((LANES, n + 1, PATH)), np.empty(LANES)
+    strains = np.empty((LANES, strain.shape[1], 4))
+    for first in range(0, last + 1, LANES):
+        for lane in range(LANES):
+            rod = min(first + lane, last)
+            _copy_in(paths[rod], edges, lane)
+            four[lane], strains[lane], share[lane] = starts[rod], strain[rod], 0.0
+            b[LANES * (STRAIN + 4) + lane] = mean[rod]
+        _raise_load(four, edges, share, b, points, h, strains, segment, floor)
+        for lane in range(min(LANES, last + 1 - first)):
+            paths[first + lane], reached[first + lane] = four[lane], share[lane]
 
 
-@_compile
+@_kernel
 def tangent_paths(paths, mean, points, h, strain, segment, base_slopes, T, gap):
     """Tangents T (B, groups, n + 1, 4, 10) along converged paths (B, n + 1, 10).
 
     The groups of four columns: m(0) and the mean extension; both head angles, by
-    `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains.
+    `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains. A lane has a group.
     gap : (B,), set to the largest mismatch in q between a step's end and the path: the error of a
     step.
-
-    Groups of four, as `_march` is compiled for four columns.
     """
-    end, w, D = np.empty(PATH), np.zeros(ARGUMENTS), np.zeros(COLUMNS * VARIED)
-    k, kT, p = np.empty((STAGES, RATES)), np.empty((STAGES, COLUMNS * RATES)), np.empty(PARAMETERS)
-    for b in range(paths.shape[0]):
-        w[MEAN], gap[b] = mean[b], 0.0
-        for group in range(T.shape[1]):
-            _first_tangents(T[b, group, 0], D, group, base_slopes[b])
+    b, edge, whole = np.zeros(LANES * SIZE), np.empty(LANES * NUMBERS), np.ones(LANES)
+    groups = T.shape[1]
+    for rod in range(paths.shape[0]):
+        gap[rod] = 0.0
+        for first in range(0, groups, LANES):
+            for lane in range(min(LANES, groups - first)):
+                _first_tangents(T[rod, first + lane, 0], b, first + lane, lane, base_slopes[rod])
             for e in range(h.size):
+                for lane in range(LANES):
+                    group = min(first + lane, groups - 1)
+                    _set_group(edge, b, paths[rod, e], T[rod, group, e], lane)
+                    b[LANES * (STRAIN + 4) + lane] = mean[rod]
+                    for i in range(4):
+                        b[LANES * (STRAIN + i) + lane] = strain[rod, segment[e], i]
+                        own = 1.0 if group == segment[e] + 2 else 0.0
+                        b[LANES * (TURNED + STRAINS * i + i) + lane] = own
+                _march(edge, b, points[e], whole, h[e])
+                for lane in range(min(LANES, groups - first)):
+                    for i in range(COLUMNS * PATH):
+                        T[rod, first + lane, e + 1, i // PATH, i % PATH] = b[
+                            LANES * (STAGE + PATH + i) + lane
+                        ]
                 for i in range(4):
-                    w[STATES + i] = strain[b, segment[e], i]
-                    D[VARIED * i + STATES + i] = 1.0 if group == segment[e] + 2 else 0.0
-                at, to = T[b, group, e], T[b, group, e + 1]
-                _march(paths[b, e], at, end, to, D, w, points[e], 1.0, h[e], k, kT, p)
-                for i in range(4):
-                    gap[b] = max(gap[b], abs(end[i] - paths[b, e + 1, i]))
+                    off = b[LANES * (STAGE + i)] - paths[rod, e + 1, i]
+                    gap[rod] = max(gap[rod], abs(off))
 
 
 @_compile
-def _first_tangents(T, D, group, base_slopes):
-    """Tangents (4, 10) at the base, and strain directions of the columns, for one group."""
+def _set_group(edge, b, path, T, lane):
+    """Put a path (10) and a group of its tangents (4, 10) in a lane of an edge."""
+    for i in range(PATH):
+        edge[LANES * i + lane] = path[i]
+    for c in range(COLUMNS):
+        for i in range(PATH):
+            edge[LANES * (PATH * (1 + c) + i) + lane] = T[c, i]
+
+
+@_compile
+def _first_tangents(T, b, group, lane, base_slopes):
+    """Tangents (4, 10) at the base, and in b the strain directions of the columns, for a group."""
     for c in range(COLUMNS):
         for i in range(PATH):
             T[c, i] = base_slopes[c, i] if group == 1 and c < 2 else 0.0
-        for i in range(VARIED):
-            D[VARIED * c + i] = 0.0
+        for i in range(STRAINS):
+            b[LANES * (TURNED + STRAINS * c + i) + lane] = 0.0
     if group == 0:
         for c in range(3):
             T[c, 4 + c] = 1.0
-        D[VARIED * 3 + STATES + 4] = 1.0
+        b[LANES * (TURNED + STRAINS * 3 + 4) + lane] = 1.0
