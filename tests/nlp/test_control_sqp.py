@@ -28,7 +28,7 @@ def packed(w, x):
 
 
 def solved(w, full, deadline=np.inf, **options):
-    return ControlSQP(w).solve(w, ControlSQP(w).start(full), deadline, Optimizer(**options))
+    return ControlSQP(w).solve(w, [ControlSQP(w).start(full)], deadline, Optimizer(**options))
 
 
 def test_a_plan_by_hand():

@@ -82,11 +82,11 @@ class ControlSQP:
     def solve(
         self,
         window: Window,
-        point: SQPPoint,
+        starts: Sequence[SQPPoint],
         deadline: float,
         records: Optimizer,
     ) -> tuple[Outcome, SQPPoint]:
-        """Minimize from a point, for a window that may differ in numbers from the first.
+        """Minimize from the best start, for a window that may differ in numbers from the first.
 
         Parameters
         ----------
@@ -96,6 +96,7 @@ class ControlSQP:
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
+        point = min(starts, key=lambda start: condensed.objective(start.full))
         message, iteration, seconds = STOPPED, 0, 0.0
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()

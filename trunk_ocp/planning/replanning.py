@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from numbers import Integral
 from typing import Any
 
@@ -28,10 +28,19 @@ from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .decided_steps import DecidedSteps
-from .options import Options
-from .plan import Plan
+from .options import Options, is_deferred
+from .plan import ACCEPTED, Plan, PlanError
 from .planner import seconds_allowed
 from .planning_run import PlanningRun
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A decision vector, with what the solver that found it needs to start from there."""
+
+    full: np.ndarray
+    sqp: SQPPoint | None = None
+    multipliers: dict[str, Any] | None = None  # of Ipopt
 
 
 class Replanner:
@@ -74,14 +83,10 @@ class Replanner:
         )
         self._motion, self._layout = plan.motion, layout_of(plan.motion)
         self._window = self._new_window(plan.motion)
-        self._full = self._window.pack(plan.x, plan.shape)
-        self._multipliers: dict[str, Any] | None = None  # of Ipopt's last solve
-        self._sqp: ControlSQP | None = None
-        self._point: SQPPoint | None = None
-        if not self._window.gap_rows:
-            self._sqp = ControlSQP(self._window)
-            self._point = self._sqp.start(self._full)
-        self._by_any(self._window, np.inf)
+        self._sqp = None if self._window.gap_rows else ControlSQP(self._window)
+        self._newest = self._reached = _Point(self._window.pack(plan.x, plan.shape))
+        self._newest, _ = self._by_any(self._window, np.inf)
+        self._reached = self._newest
 
     @check_arguments
     def __call__(
@@ -90,21 +95,23 @@ class Replanner:
         throw: bool = True,
         deadline: float | None = None,
         initial: np.ndarray | Sequence[float] | None = None,
+        check: str = "now",
         advance: int = 0,
     ) -> Plan:
         """Plan a motion with the steps, mesh and kinds of targets of the last one.
 
-        Threads take turns. Each re-plan starts from the last one that reached its targets, or else
-        from the plan of the constructor. One that runs out of time or iterations returns its newest
-        iterate, with status TIME_LIMIT or NOT_CONVERGED and its `infeasibility` in `solves`. Gaps
-        from bodies are kept where the plan of the constructor keeps them; one that comes too close
-        elsewhere has the status COLLIDING.
+        Threads take turns. Each re-plan starts from the newest one, or the last one that reached
+        its targets, whichever is better now. One that runs out of time or iterations returns its
+        newest iterate, whose rods are in equilibrium and within bounds, with status TIME_LIMIT or
+        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Gaps from bodies
+        are kept where the plan of the constructor keeps them; a plan that comes too close elsewhere
+        has the status COLLIDING.
 
         Parameters
         ----------
         motion
             May differ in every number: targets, loads, stiffness, density, bounds, weights.
-        throw, deadline
+        throw, deadline, check
             As in `plan_motion`. An iteration that would pass the deadline is not begun, except for
             the first.
         initial : (muscles + 2,), optional
@@ -121,7 +128,7 @@ class Replanner:
             If the motion has another structure; use `plan_motion`. If a reporter calls the
             re-planner that it reports on.
         """
-        ends = time.perf_counter() + seconds_allowed(deadline)
+        ends, deferred = time.perf_counter() + seconds_allowed(deadline), is_deferred(check)
         if not isinstance(advance, Integral) or not 0 <= advance <= len(motion.steps):
             raise InputError(f"advance = {advance!r}: expected a number of time steps.")
         if initial is not None:
@@ -131,34 +138,35 @@ class Replanner:
                 raise InputError("this Replanner is busy; a reporter needs a Replanner of its own.")
             self._busy = True
             try:
-                plan = self._replan(motion, ends, int(advance))
+                plan = self._replan(motion, ends, int(advance), deferred)
             finally:
                 self._busy = False
-        return plan.checked() if throw else plan
+        if throw and plan.status not in ACCEPTED:
+            raise PlanError(plan)
+        return plan
 
     @deferred_interrupts()
     @one_thread()
-    def _replan(self, motion: Motion, ends: float, advance: int) -> Plan:
+    def _replan(self, motion: Motion, ends: float, advance: int, deferred: bool) -> Plan:
         began = time.perf_counter()
         optimizer = self._optimizer
         optimizer.deadline = ends
         solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
         window = self._window_of(motion)
         if advance:
-            self._full = window.advanced(self._full, advance)
-            self._point = self._sqp.start(self._full) if self._sqp else None
-        before = (self._full, self._point, self._multipliers)
-        outcome = self._by_any(window, ends)
-        if not (outcome.converged and window.reached(outcome.full)):
-            self._full, self._point, self._multipliers = before
+            self._newest = _Point(window.advanced(self._newest.full, advance))
+        self._newest, outcome = self._by_any(window, ends)
+        if outcome.converged and window.reached(outcome.full):
+            self._reached = self._newest
         state = DecidedSteps()
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
-        plan = run.plan(state, settled=self._multipliers is None)
+        plan = run.plan(state, settled=self._newest.multipliers is None)
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
             late=outcome.late,
+            deferred=deferred,
             versions=versions(),
             options=asdict(self._options),
             iterations=outcome.iterations,
@@ -168,24 +176,28 @@ class Replanner:
             solves=tuple(optimizer.solves),
         )
 
-    def _by_any(self, window: Window, ends: float) -> Outcome:
+    def _by_any(self, window: Window, ends: float) -> tuple[_Point, Outcome]:
         """Solve a window by SQP; by Ipopt where that does not apply, or does not converge."""
-        if self._sqp is not None and self._point is not None:
+        full = self._reached.full
+        if self._sqp is not None:
+            starts = [point.sqp or self._sqp.start(point.full) for point in self._starts]
             try:
-                outcome, point = self._sqp.solve(window, self._point, ends, self._optimizer)
-                self._full, self._multipliers, self._point = point.full, None, point
+                outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
                 used_up = outcome.iterations == self._optimizer.max_iterations
                 if outcome.converged or outcome.stopped or used_up:
-                    return outcome
+                    return _Point(found.full, found), outcome
+                full = found.full
             except (IllConditionedError, QPError):
                 pass  # Ipopt may do better, or at least says which bounds are violated
-        outcome = self._optimizer.solve(
-            window, self._full, "horizon", "re-plan", self._multipliers, return_last=True
-        )
-        self._full, self._multipliers = outcome.full, outcome.multipliers
-        if self._sqp is not None:
-            self._point = self._sqp.start(self._full)
-        return outcome
+        last = self._reached.multipliers
+        outcome = self._optimizer.solve(window, full, "horizon", "re-plan", last, return_last=True)
+        return _Point(outcome.full, None, outcome.multipliers), outcome
+
+    @property
+    def _starts(self) -> list[_Point]:
+        """Points to start from: the newest, and the last that reached its targets."""
+        newest, reached = self._newest, self._reached
+        return [newest] if newest is reached else [newest, reached]
 
     def _window_of(self, motion: Motion) -> Window:
         """The window of a motion; builds it anew only where more than numbers changed."""
@@ -196,7 +208,7 @@ class Replanner:
             )
         if self._window.gap_rows or motion.trunk != self._motion.trunk:
             window = self._new_window(motion)
-            if window.bounds["lbx"].size != self._full.size:
+            if window.bounds["lbx"].size != self._reached.full.size:
                 raise InputError(
                     f"{motion.name}: differs from the planned motion in structure; expected the "
                     "same segments and muscles. Use plan_motion."
