@@ -20,7 +20,7 @@ from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
-from .step_solids import check_obstacles, step_solids
+from .step_solids import check_obstacles, head_solids, log_solids, phase_obstacles
 from .targets import HeldDirection, earlier_step, origins_of, phase_targets, wrap_center
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
@@ -57,8 +57,11 @@ def load_motion(name_or_path: str | Path) -> Motion:
     return replace(motion, warnings=plausibility_warnings(motion, path, anatomy_path))
 
 
-def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
+def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = None) -> Motion:
     """Turn a validated problem file and anatomy into a motion.
+
+    Fast, because a control loop does it at every tick: what is the same at all steps of a phase is
+    built once. `trunk` is that of the anatomy, if there is one already.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
         For faults that only show in the two together: unknown muscles, points off the trunk,
         directions held from a step that is not earlier, two solids of one name.
     """
-    trunk = build_trunk(anatomy)
+    trunk = trunk or build_trunk(anatomy)
     check_obstacles(spec.obstacles, trunk)
     origins = origins_of(spec, trunk)
     matches = matching_muscles(spec, trunk.muscles)
@@ -75,20 +78,22 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
     with_targets: list[int] = []  # numbers of steps, from 0, as files count them
     phases: list[Phase] = []
     start = 0.0
+    head = head_solids(trunk)
+    before, loads_before = LoadsSpec(), Loads(spec.gravity)
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
         phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
-        before = spec.phases[number - 1].loads if number else LoadsSpec()
+        phase_loads = _loads(phase.loads, spec.gravity, trunk, where)
+        obstacles = phase_obstacles(spec, phase)
         parts = phase.free_steps + 1
         for part in range(1, phase.steps * parts + 1):
             free = part % parts != 0
             i = part / parts if free else part // parts  # in time steps with targets
             log = _log(spec, phase, i, origins)
             targets = () if free else phase_targets(phase, i, trunk, origins, with_targets, where)
-            loads = _loads(phase.loads, spec.gravity, trunk, where)
+            loads = phase_loads
             if i < 1:
-                start_loads = _loads(before, spec.gravity, trunk, where)
-                loads = _ramped(start_loads, loads, before, phase.loads, i)
+                loads = _ramped(loads_before, phase_loads, before, phase.loads, i)
             steps.append(
                 Step(
                     time=start + phase.duration * i / phase.steps,
@@ -98,14 +103,15 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                     loads=loads,
                     pull=_pull(phase.loads, i / phase.steps, trunk, with_targets, where),
                     box=phase_box,
-                    change=_change(phase.change, math.ceil(i), len(trunk.muscles), parts),
+                    change=_change(phase.change, math.ceil(i), len(trunk.subdomains), parts),
                     auxiliary=None if free else _auxiliary(phase),
                     log=log,
-                    solids=step_solids(spec, phase, trunk, log),
+                    solids=(*head, *log_solids(log), *obstacles),
                 )
             )
             with_targets += [] if free else [len(steps) - 1]
         start += phase.duration
+        before, loads_before = phase.loads, phase_loads
         smooth = parts > 1 and phase.interpolation == "cosine"  # else it would stop at every step
         phases.append(Phase(phase.name, start, "hermite" if smooth else phase.interpolation))
     _check_contact(steps)

@@ -165,7 +165,7 @@ class Motion:
     steps: tuple[Step, ...]
     extension: tuple[float, float]
     box: Bounds
-    builder: Callable[[ProblemSpec, AnatomySpec], Motion]
+    builder: Callable[[ProblemSpec, AnatomySpec, Trunk | None], Motion]
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -206,7 +206,11 @@ class Motion:
         InputError
             If no problem file could have the spec, or if it does not fit the anatomy.
         """
-        motion = self.builder(valid_spec(spec, "spec"), self.anatomy)
+        return self._of(valid_spec(spec, "spec"))
+
+    def _of(self, spec: ProblemSpec) -> Motion:
+        """The motion of another spec, which is valid."""
+        motion = self.builder(spec, self.anatomy, self.trunk)
         return replace(motion, warnings=self.warnings)
 
     @check_arguments
@@ -220,7 +224,7 @@ class Motion:
         InputError
             If the offset is not three finite numbers.
         """
-        return self.with_spec(shifted_spec(self.spec, offset))
+        return self._of(shifted_spec(self.spec, offset))
 
     @check_arguments
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
@@ -247,7 +251,7 @@ class Motion:
         for box in (self.box, *(step.box for step in self.steps)):
             self._check_limit(box, largest)
         fastest = math.inf if rate is None else rate
-        return self.with_spec(limited_spec(self.spec, largest, fastest))
+        return self._of(limited_spec(self.spec, largest, fastest))
 
     @check_arguments
     def with_contact(self, kinds: str) -> Motion:
@@ -263,7 +267,7 @@ class Motion:
         InputError
             If it is none of these.
         """
-        return self.with_spec(contact_spec(self.spec, kinds))
+        return self._of(contact_spec(self.spec, kinds))
 
     def _check_limit(self, box: Bounds, activation: float) -> None:
         """Raise InputError if |gamma| <= activation leaves a muscle nothing of its bounds."""

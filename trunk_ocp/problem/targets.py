@@ -257,6 +257,8 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
     """Z clipped to the trunk if it is outside by round-off; InputError if by more."""
+    if 0 <= Z <= trunk.length:
+        return Z
     Z = float(trunk.clipped(Z))
     if not 0 <= Z <= trunk.length:
         units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]
