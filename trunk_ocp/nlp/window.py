@@ -16,12 +16,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._support.deferred_signals import deferred_interrupts
-from .._support.ranges import check
 from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
 from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection, Target
+from ..problem.weights import Weights
 from ..rod.collocation import Mesh
 from ..rod.equations import PARAMETERS, is_hung, point_parameters
 from ..rod.shape import Shape
@@ -44,33 +44,6 @@ from .quantities import Meaning, quantities, units_of
 from .rod_block import Unknowns, rod_equations, step_points
 from .separable_nlp import SeparableNLP
 from .tracked_positions import TrackedPositions
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the costs other than tracking.
-
-    Tracking is the weighted sum of squared distances of eq. (42). Positions count in m for a trunk
-    of 1.75 m and in proportion to length for others (`Motion.position_scale`), so that weights
-    have the same meaning at every size. Effort and rate are small: they select one of the many
-    solutions that track equally well.
-
-    Attributes
-    ----------
-    effort : float
-        Weight of the sum over time steps of the squared activations.
-    rate : float
-        Weight of the integral over time of the squared rates of activations (1/s) and head
-        angles (rad/s).
-    """
-
-    effort: float = 1e-5
-    rate: float = 1e-5
-
-    def __post_init__(self) -> None:
-        for name in ("effort", "rate"):
-            check(getattr(self, name), "weight", name)
-            object.__setattr__(self, name, float(getattr(self, name)))  # as JSON takes it
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,10 +286,9 @@ class Window:
         Steps without targets cost no effort: they would sag on the way for the sake of it.
         """
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
-        working = x[1:, :-2][[bool(step.targets) for step in self.steps]]
-        self._builder.cost(
-            square(), working.reshape(1, -1), np.full((1, working.size), weights.effort)
-        )
+        working = x[1:][[bool(step.targets) for step in self.steps]]
+        effort = np.append(weights.of_muscles(self.motion.trunk.muscles), 2 * [weights.head_effort])
+        self._builder.cost(square(), working.reshape(1, -1), np.tile(effort, len(working))[None])
         per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
         self._builder.cost(

@@ -89,6 +89,7 @@ def plan_motion(
     """
     began = time.perf_counter()
     options, reporter = options or Options(), reporter or Reporter()
+    options = replace(options, weights=options.weights_for(motion))
     mode, lookahead = mode_of(motion, lookahead)
     ends = began + seconds_allowed(deadline)
     _check_start(start, motion)

@@ -17,10 +17,10 @@ from .._support.provenance import fingerprint
 from .._support.toml_files import check_json
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec
-from ..nlp.window import Weights
 from ..problem.build import build_motion
 from ..problem.motion import Motion
 from ..problem.problem_file import MAX_STEPS, ProblemSpec
+from ..problem.weights import Weights
 from ..rod.arguments import check_mesh
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
@@ -163,7 +163,7 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         for name in ("versions", "options")
     }
     return {
-        "weights": Weights(number(attributes["weight_effort"]), number(attributes["weight_rate"])),
+        "weights": _weights(attributes),
         "converged": bool(count(attributes["converged"])),
         "interrupted": bool(count(attributes["interrupted"])),
         "late": bool(count(attributes.get("late", 0))),
@@ -177,6 +177,16 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         "versions": {name: words(text) for name, text in named["versions"].items()},
         "options": named["options"],
     }
+
+
+def _weights(attributes: dict[str, Any]) -> Weights:
+    """Weights; those of muscles are a table in JSON, and files of 0.2 have none of the head."""
+    effort = attributes["weight_effort"]
+    return Weights(
+        table(json_of(words(effort))) if isinstance(effort, str) else number(effort),
+        number(attributes["weight_rate"]),
+        number(attributes.get("weight_head_effort", 0.0)),
+    )
 
 
 def _controls(contents: Contents, prefix: str, rows: int, muscles: int) -> np.ndarray:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -16,12 +17,14 @@ from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
+from .edits import built_spec
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .step_solids import check_obstacles, head_solids, log_solids, phase_obstacles
-from .targets import HeldDirection, earlier_step, origins_of, phase_targets, wrap_center
+from .targets import HeldDirection, Target, earlier_step, origins_of, phase_targets, wrap_center
+from .weights import Weights
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
 
@@ -55,6 +58,44 @@ def load_motion(name_or_path: str | Path) -> Motion:
     except InputError as error:
         raise InputError(f"{path}:\n  {error}") from None
     return replace(motion, warnings=plausibility_warnings(motion, path, anatomy_path))
+
+
+@check_arguments
+def made_motion(
+    name: str,
+    phases: Iterable[Mapping[str, Any]],
+    anatomy: str | Path = "asian-elephant",
+    **sections: Any,
+) -> Motion:
+    """A motion from Python values, which are checked as those of a problem file.
+
+        Motion.build(
+            "reach",
+            [{"duration": 1.0, "steps": 10, "targets": [{"Z": 1.75, "position": [0.5, 0, 1]}]}],
+            bounds={"head_y_deg": [-10, 10]},
+        )
+
+    Parameters
+    ----------
+    phases : sequence of dict
+        With the keys of `[[phases]]`; names may be left out.
+    anatomy : str or Path
+        A shipped name, or the path of an anatomy file.
+    **sections
+        Other sections and keys of a problem file: `bounds`, `gravity`, `weights`, `obstacles`, ...
+        By default activations are from -2 to 0 and extensions from 0.67 to 1.35.
+
+    Raises
+    ------
+    InputError
+        With the messages of `load_motion`.
+    """
+    spec = built_spec(name, str(anatomy), phases, sections)
+    motion = build_motion(spec, read_anatomy(anatomy))
+    return replace(motion, warnings=plausibility_warnings(motion, Path(name), Path(anatomy)))
+
+
+Motion.build = staticmethod(made_motion)
 
 
 def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = None) -> Motion:
@@ -114,7 +155,9 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = 
         before, loads_before = phase.loads, phase_loads
         smooth = parts > 1 and phase.interpolation == "cosine"  # else it would stop at every step
         phases.append(Phase(phase.name, start, "hermite" if smooth else phase.interpolation))
+    steps[-1] = replace(steps[-1], targets=_terminal(steps[-1].targets, spec.weights.terminal))
     _check_contact(steps)
+    Weights(spec.weights.effort).of_muscles(trunk.muscles)  # raises if a muscle is unknown
     return Motion(
         spec, anatomy, trunk, tuple(phases), tuple(steps), spec.bounds.extension, box, build_motion
     )
@@ -185,6 +228,20 @@ def _box(
             f"{where}: {name} has no value left; expected bounds that overlap with the motion's."
         )
     return Bounds(lower, upper)
+
+
+def _terminal(targets: tuple[Target, ...], factor: float) -> tuple[Target, ...]:
+    """Targets of the last step, with their weights times a factor."""
+    if factor == 1:
+        return targets
+    return tuple(
+        replace(
+            target,
+            position_weight=factor * target.position_weight,
+            direction_weights=vector(factor * np.asarray(target.direction_weights)),
+        )
+        for target in targets
+    )
 
 
 def _change(specs: tuple[ChangeSpec, ...], i: int, count: int, parts: int) -> Bounds:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,9 +16,11 @@ from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
 from ..model.solid_specs import CONTACT_KINDS
 from ..model.solids import Solid
+from .edits import loaded_spec, retargeted_spec, weighted_spec
 from .problem_file import ProblemSpec
 from .targets import HeldDirection, Target
 from .variants import contact_spec, limited_spec, shifted_spec, valid_spec
+from .weights import Weights
 
 HEAD_LIMIT = math.pi / 2
 """Bound on head angles, in rad, where the problem file has none."""
@@ -167,6 +170,7 @@ class Motion:
     box: Bounds
     builder: Callable[[ProblemSpec, AnatomySpec, Trunk | None], Motion]
     warnings: tuple[str, ...] = ()
+    build: ClassVar[Callable[..., Motion]]  # `made_motion` of `build`, which is above this module
 
     def __repr__(self) -> str:
         return f"<Motion {self.name}: {len(self.steps)} steps of {self.trunk!r}>"
@@ -180,6 +184,12 @@ class Motion:
     def gravity(self) -> float:
         """Gravitational acceleration along +e_Z in m/s^2, at rest and at the first step."""
         return self.steps[0].loads.gravity
+
+    @property
+    def weights(self) -> Weights:
+        """Weights of the costs beside tracking."""
+        section = self.spec.weights
+        return Weights(section.effort, section.rate, section.head_effort)
 
     @property
     def tolerance(self) -> tuple[float, float]:
@@ -225,6 +235,90 @@ class Motion:
             If the offset is not three finite numbers.
         """
         return self._of(shifted_spec(self.spec, offset))
+
+    @check_arguments
+    def retarget(
+        self, phase: str | int | None = None, Z: float | None = None, **keys: Any
+    ) -> Motion:
+        """The same motion with other targets of the same kinds, which a `Replanner` accepts.
+
+        `motion.retarget("reach", 1.75, position=(0.5, 0.1, 1.2), d3=(0, 0, 1))`
+
+        Parameters
+        ----------
+        phase : str or int, optional
+            Name of the phase, or its number from 1; may be left out if there is only one.
+        Z : float, optional
+            Point of the trunk in m that the target is for; may be left out if the phase has only
+            one target, or a wrap instead.
+        **keys
+            New values, by their keys in a problem file: `position`, `path` or `through`, `d1`,
+            `d2`, `d3` and their weights; of a wrap `center`, `path` or `through`, `angles_deg`,
+            `position_weights`, `d3_weights`.
+
+        Raises
+        ------
+        InputError
+            If there is no such target, it has no position or direction of this kind, or no problem
+            file could have the values.
+        """
+        return self._of(retargeted_spec(self.spec, phase, Z, keys))
+
+    @check_arguments
+    def with_loads(
+        self, phase: str | int | None = None, gravity: float | None = None, **keys: Any
+    ) -> Motion:
+        """The same motion with other loads.
+
+        `motion.with_loads("carry", tip_mass=5.0)`, or `motion.with_loads(log={"density": 900.0})`
+
+        Parameters
+        ----------
+        phase : str or int, optional
+            Name of the phase, or its number from 1; by default all phases.
+        gravity : float, optional
+            In m/s^2, of the whole motion.
+        **keys
+            New values, by their keys in a problem file: `tip_force`, `tip_mass`, `contact_force`,
+            ... Those of `log`, `pull` and `jump` are dicts, which change the phases that have one.
+
+        Raises
+        ------
+        InputError
+            If there is no such phase or key, or no problem file could have the values.
+        """
+        return self._of(loaded_spec(self.spec, phase, gravity, keys))
+
+    @check_arguments
+    def weighted(
+        self,
+        effort: float | Mapping[str, float] | None = None,
+        rate: float | None = None,
+        head_effort: float | None = None,
+        terminal: float | None = None,
+    ) -> Motion:
+        """The same motion with other weights of the costs beside tracking; None: as it is.
+
+        Parameters
+        ----------
+        effort, rate, head_effort
+            See `Weights`.
+        terminal : float
+            Factor of the weights of all targets of the last time step.
+
+        Raises
+        ------
+        InputError
+            If no problem file could have them, or a pattern matches no muscle.
+        """
+        weights = {
+            "effort": effort,
+            "rate": rate,
+            "head_effort": head_effort,
+            "terminal": terminal,
+        }
+        given = {key: value for key, value in weights.items() if value is not None}
+        return self._of(weighted_spec(self.spec, given))
 
     @check_arguments
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
