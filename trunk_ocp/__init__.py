@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
     from .planning.storage import load_plan, save_plan
-    from .problem.build import Motion, load_motion
+    from .problem.build import load_motion
+    from .problem.motion import Motion
     from .problem.problem_file import problem_schema
     from .problem.weights import Weights
     from .reporting import Progress, Reporter

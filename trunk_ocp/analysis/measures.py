@@ -23,7 +23,7 @@ class Measures:
 
     status: Annotated[str, "", "how the plan ended, as in summary.json"]
     planner_objective: Annotated[
-        float, "", "weighted tracking + effort + rate + head effort, as minimized"
+        float, "", "weighted tracking + effort + rate + head effort, minimized"
     ]
     paper_objective: Annotated[float, "", "J of eq. (42), not squared, summed over time steps"]
     tracking: Annotated[float, "", "weighted squared distances of all targets of all time steps"]

@@ -6,6 +6,7 @@ taken from the file: `Plan.status` checks it again.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -111,8 +112,9 @@ def _motion(attributes: dict[str, Any]) -> Motion:
     texts = [words(attributes[f"{name}_json"]) for name in ("problem", "anatomy")]
     check_texts(texts)
     spec, anatomy = _valid(ProblemSpec, texts[0]), _valid(AnatomySpec, texts[1])
-    for name, part in (("problem", spec), ("anatomy", anatomy)):
-        if attributes[f"{name}_sha256"] != fingerprint(part):
+    for name, text in zip(("problem", "anatomy"), texts, strict=True):
+        # Not that of `spec`, which may have keys that are newer than the file.
+        if attributes[f"{name}_sha256"] != fingerprint(json.loads(text)):
             raise InputError(f"its {name} was changed after the plan was made")
     return build_motion(spec, anatomy)
 
