@@ -19,6 +19,7 @@ from .._support.deferred_signals import deferred_interrupts
 from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
+from ..problem.mirror import mirror_order
 from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection, Target
 from ..problem.weights import Weights
@@ -241,6 +242,20 @@ class Window:
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             before = u.x
+        if self.motion.spec.weights.symmetric:
+            self._symmetry()
+
+    def _symmetry(self) -> None:
+        """Add rows by which both sides contract alike."""
+        add, trunk = self._builder, self.motion.trunk
+        partners = mirror_order(trunk)
+        right = np.flatnonzero(np.arange(partners.size) < partners)
+        names = tuple(f"the difference of {name} and its partner" for name in trunk.muscles)
+        same = Meaning("symmetry", quantities(trunk)["activations"], names)
+        for number, u in enumerate(self.unknowns, self.offset):
+            rows = add.rows(same, right.size, step=number, controls=right)
+            add.linear(rows, u.x[right])
+            add.linear(rows, u.x[partners[right]], -1.0)
 
     def goals(self) -> Iterator[Goal]:
         """Goals of the targets, one for each position and direction."""

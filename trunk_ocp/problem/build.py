@@ -18,12 +18,14 @@ from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
 from .edits import built_spec
+from .mirror import asks_the_same, mirror_order
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .step_solids import check_obstacles, head_solids, log_solids, phase_obstacles
 from .targets import HeldDirection, Target, earlier_step, origins_of, phase_targets, wrap_center
+from .variants import mirrored_spec
 from .weights import Weights
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
@@ -108,13 +110,28 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = 
     ------
     InputError
         For faults that only show in the two together: unknown muscles, points off the trunk,
-        directions held from a step that is not earlier, two solids of one name.
+        directions held from a step that is not earlier, two solids of one name; if both sides shall
+        contract alike in a motion that is not its own mirror image.
     """
     trunk = trunk or build_trunk(anatomy)
+    motion = _built(spec, anatomy, trunk)
+    if spec.weights.symmetric:
+        mirror_order(trunk)  # raises if a muscle has no partner
+        image = _built(mirrored_spec(spec, trunk.muscles), anatomy, trunk)
+        if not asks_the_same(motion, image):
+            raise InputError(
+                "weights.symmetric = true: the motion is not its own mirror image; expected "
+                "targets and loads in the plane Y = 0, and equal bounds and weights on both sides."
+            )
+    return motion
+
+
+def _built(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk) -> Motion:
+    """The motion of a spec; see `build_motion`."""
     check_obstacles(spec.obstacles, trunk)
     origins = origins_of(spec, trunk)
     matches = matching_muscles(spec, trunk.muscles)
-    box = _box(trunk, spec.bounds, matches, None, "bounds")
+    box = _box(trunk, spec.bounds, matches, None, "bounds", spec.weights.symmetric)
     steps: list[Step] = []
     with_targets: list[int] = []  # numbers of steps, from 0, as files count them
     phases: list[Phase] = []
@@ -199,8 +216,12 @@ def _box(
     matches: dict[str, np.ndarray],
     outer: Bounds | None,
     where: str,
+    symmetric: bool = False,
 ) -> Bounds:
-    """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
+    """Bounds of a phase; what it leaves out is as in `outer`, the motion's.
+
+    Symmetric: psi_Z is 0, in all phases because they narrow the motion's bounds.
+    """
     count = len(trunk.muscles)
     if outer is None:
         lower = np.concatenate([np.zeros(count), [-HEAD_LIMIT, -HEAD_LIMIT]])
@@ -220,6 +241,8 @@ def _box(
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
         if angles is not None:
             lower[index], upper[index] = np.radians(angles)
+    if symmetric:
+        lower[count], upper[count] = max(lower[count], 0.0), min(upper[count], 0.0)
     if outer is not None:
         lower, upper = np.maximum(lower, outer.lower), np.minimum(upper, outer.upper)
     for i in np.flatnonzero(lower > upper).tolist():

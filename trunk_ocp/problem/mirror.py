@@ -67,15 +67,23 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def is_symmetric(motion: Motion) -> bool:
-    """Whether a motion is its own mirror image: trunk, targets, loads and bounds, to round-off."""
+    """Whether a motion is its own mirror image: trunk, targets, loads, bounds, effort weights.
+
+    To round-off.
+    """
     try:
-        image = mirrored_motion(motion)
+        return asks_the_same(motion, mirrored_motion(motion))
     except InputError:  # the trunk itself is not symmetric
         return False
-    units = _units(motion)
-    return all(
+
+
+def asks_the_same(motion: Motion, other: Motion) -> bool:
+    """Whether two motions of one trunk have the same targets, loads, bounds and effort weights."""
+    units, muscles = _units(motion), motion.trunk.muscles
+    efforts = [each.weights.of_muscles(muscles) for each in (motion, other)]
+    return np.array_equal(efforts[0], efforts[1]) and all(
         np.allclose(_numbers(a, *units), _numbers(b, *units), rtol=0, atol=ROUND_OFF)
-        for a, b in zip(motion.steps, image.steps, strict=True)
+        for a, b in zip(motion.steps, other.steps, strict=True)
     )
 
 

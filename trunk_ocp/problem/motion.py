@@ -296,6 +296,7 @@ class Motion:
         rate: float | None = None,
         head_effort: float | None = None,
         terminal: float | None = None,
+        symmetric: bool | None = None,
     ) -> Motion:
         """The same motion with other weights of the costs beside tracking; None: as it is.
 
@@ -305,17 +306,21 @@ class Motion:
             See `Weights`.
         terminal : float
             Factor of the weights of all targets of the last time step.
+        symmetric : bool
+            Whether both sides contract alike and psi_Z is 0.
 
         Raises
         ------
         InputError
-            If no problem file could have them, or a pattern matches no muscle.
+            If no problem file could have them, a pattern matches no muscle, or a motion that is not
+            its own mirror image shall be planned alike on both sides.
         """
         weights = {
             "effort": effort,
             "rate": rate,
             "head_effort": head_effort,
             "terminal": terminal,
+            "symmetric": symmetric,
         }
         given = {key: value for key, value in weights.items() if value is not None}
         return self._of(weighted_spec(self.spec, given))

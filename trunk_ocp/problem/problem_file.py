@@ -419,6 +419,11 @@ class WeightsSpec(Strict):
     terminal: Positive = Field(
         default=1.0, description="factor of the weights of all targets of the last time step"
     )
+    symmetric: bool = Field(
+        default=False,
+        description="of a motion that is its own mirror image: both sides contract alike, and "
+        "psi_Z is 0",
+    )
 
 
 class ProblemSpec(Strict):

@@ -27,6 +27,7 @@ from .problem_file import (
     PhaseSpec,
     ProblemSpec,
     TargetSpec,
+    WeightsSpec,
     WrapSpec,
 )
 
@@ -34,6 +35,7 @@ Numbers = tuple[float, ...]
 Point = Callable[[np.ndarray], np.ndarray]
 Update = dict[str, Any]
 """Sections of a phase by their keys."""
+Value = TypeVar("Value")
 Section = TypeVar("Section", TargetSpec, WrapSpec)
 Limits = TypeVar("Limits", LimitsSpec, BoundsSpec)
 Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
@@ -186,7 +188,9 @@ def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
     moved = _with_points(spec, _reflected)
     bounds = _mirrored_limits(spec.bounds, muscles)
     obstacles = tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles)
-    return valid_spec(_edited(moved, edit, bounds=bounds, obstacles=obstacles), "mirror")
+    weights = _mirrored_weights(spec.weights, muscles)
+    image = _edited(moved, edit, bounds=bounds, obstacles=obstacles, weights=weights)
+    return valid_spec(image, "mirror")
 
 
 def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
@@ -307,12 +311,25 @@ def _mirrored_obstacle(obstacle: ObstacleSpec) -> ObstacleSpec:
 
 def _mirrored_limits(limits: Limits, muscles: tuple[str, ...]) -> Limits:
     """Bounds in the mirror: those of the muscles on the other side, and psi_Z reversed."""
-    pairs: dict[str, tuple[float, float]] = {}
-    for pattern, pair in limits.muscles.items():
-        for name in mirrored_pattern(pattern, muscles):
-            pairs.pop(name, None)  # keep the order, because later entries override
-            pairs[name] = pair
+    pairs = _mirrored_table(limits.muscles, muscles)
     return _mirrored_angle(limits.model_copy(update={"muscles": pairs}))
+
+
+def _mirrored_weights(weights: WeightsSpec, muscles: tuple[str, ...]) -> WeightsSpec:
+    """Weights in the mirror: the efforts of the muscles on the other side."""
+    if not isinstance(weights.effort, dict):
+        return weights
+    return weights.model_copy(update={"effort": _mirrored_table(weights.effort, muscles)})
+
+
+def _mirrored_table(table: Mapping[str, Value], muscles: tuple[str, ...]) -> dict[str, Value]:
+    """Values by patterns of muscles, for the muscles on the other side."""
+    image: dict[str, Value] = {}
+    for pattern, value in table.items():
+        for name in mirrored_pattern(pattern, muscles):
+            image.pop(name, None)  # keep the order, because later entries override
+            image[name] = value
+    return image
 
 
 def _mirrored_angle(section: Angles) -> Angles:
