@@ -27,6 +27,11 @@ CHANGES = st.one_of(
         lambda kinds: lambda motion: motion.with_contact(kinds)
     ),
     st.sampled_from(MUSCLES).map(lambda name: lambda motion: motion_without(motion, (name,))),
+    st.floats(0.0, 9.0).map(lambda mass: lambda motion: motion.with_loads(1, tip_mass=mass)),
+    st.sampled_from([0.0, 1.6]).map(lambda g: lambda motion: motion.with_loads(gravity=g)),
+    st.floats(0.1, 9.0).map(
+        lambda w: lambda motion: motion.weighted({"R*": w, "*1-dl": 2 * w}, terminal=w)
+    ),
 )
 HARD = """
 name = "hard"
