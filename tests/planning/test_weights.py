@@ -14,6 +14,7 @@ import trunk_ocp as to
 from trunk_ocp._support.provenance import fingerprint
 from trunk_ocp.cli import commands
 from trunk_ocp.cli.commands import resume_command
+from trunk_ocp.planning.checkpoint import _identity
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
@@ -137,6 +138,15 @@ def test_plans_from_before_there_were_weights_in_problem_files_are_read(touch, t
     again = load_plan(tmp_path)
     assert again.weights == to.Weights(2e-5, 3e-5)
     assert again.objective == plan.objective
+
+
+def test_a_run_knows_the_order_of_patterns(touch):
+    one, other = ({"*": 1e-3, "*-dl": 1e-4}, {"*-dl": 1e-4, "*": 1e-3})
+    first, second, third = (
+        _identity(touch.weighted(effort), "horizon", 1, to.Options(), None)["steps"]
+        for effort in (one, other, one)
+    )
+    assert first == third != second
 
 
 def test_options_override_the_motion_and_the_command_line_the_file(tmp_path):
