@@ -71,11 +71,7 @@ def made_motion(
 ) -> Motion:
     """A motion from Python values, which are checked as those of a problem file.
 
-        Motion.build(
-            "reach",
-            [{"duration": 1.0, "steps": 10, "targets": [{"Z": 1.75, "position": [0.5, 0, 1]}]}],
-            bounds={"head_y_deg": [-10, 10]},
-        )
+    `Motion.build("reach", [{"duration": 1.0, "targets": [{"Z": 1.75, "position": [0.5, 0, 1]}]}])`
 
     Parameters
     ----------
