@@ -84,6 +84,12 @@ def test_what_no_file_can_have_is_refused(value):
         built({**REACH, "duration": value})
 
 
+@pytest.mark.parametrize("bounds", [None, (-1, 0), "wide", {"activation": None}])
+def test_bounds_that_are_none_are_refused(bounds):
+    with pytest.raises(InputError, match="bounds"):
+        to.Motion.build("loose", [REACH], bounds=bounds)
+
+
 def test_likely_mistakes_get_a_warning():
     motion = to.Motion.build("strong", [REACH], bounds={"activation": [0.0, 1.0]})
     assert "only lengthens" in motion.warnings[0]

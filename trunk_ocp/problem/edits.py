@@ -34,7 +34,8 @@ def built_spec(
 ) -> ProblemSpec:
     """The problem with these phases and other sections; see `Motion.build`."""
     named = [{"name": f"phase {number}", **phase} for number, phase in enumerate(phases, 1)]
-    bounds = DEFAULT_BOUNDS | dict(sections.get("bounds") or {})
+    bounds = sections.get("bounds", {})
+    bounds = {**DEFAULT_BOUNDS, **bounds} if isinstance(bounds, Mapping) else bounds
     data = {**sections, "name": name, "anatomy": anatomy, "phases": named, "bounds": bounds}
     return validated(data, ProblemSpec, "motion")
 
