@@ -39,7 +39,7 @@ class Horizon:
     def __init__(self, plan: to.Plan) -> None:
         self.motion, self.plan = plan.motion, plan
         trunk, options = plan.motion.trunk, Options()
-        self.mesh, weights = first_mesh(plan.motion, options), options.weights
+        self.mesh, weights = first_mesh(plan.motion, options), plan.motion.weights
         self.length = trunk.length
         self.moment = trunk.youngs_modulus * np.pi / 4 * trunk.base_radius**4 / trunk.length
         self.force = self.moment / trunk.length
@@ -62,7 +62,8 @@ class Horizon:
                 self.between(lower[limited], (x - before)[limited], upper[limited])
             points = self.rod(t, step, x)
             self.hold(t, points)
-            f += self.tracking(step, points) + weights.effort * ca.sumsqr(x[:-2])
+            effort = weights.of_muscles(trunk.muscles)
+            f += self.tracking(step, points) + ca.dot(effort, x[:-2] ** 2)
             f += weights.rate / step.duration * ca.sumsqr(x - before)
             self.x.append(x)
             before = x

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from .errors import InputError, SolverMissingError, StaticsError, TrunkError
     from .model.anatomy import Trunk, load_anatomy
     from .model.loads import Loads
-    from .nlp.window import Weights
     from .planning.checkpoint import Checkpoint
     from .planning.options import Options
     from .planning.plan import Plan, PlanError, Status
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from .problem.build import load_motion
     from .problem.motion import Motion
     from .problem.problem_file import problem_schema
+    from .problem.weights import Weights
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, buckling_margin
     from .rod.buckling import buckling_margin as stability
@@ -58,8 +58,7 @@ _HOMES = {
     "errors": ("InputError", "SolverMissingError", "StaticsError", "TrunkError"),
     "analysis.lookahead_study": ("compare_lookaheads", "smoothness_tradeoff", "survey_limits"),
     "model.loads": ("Loads",),
-    "problem.build": ("load_motion",),
-    "problem.motion": ("Motion",),
+    "problem.build": ("Motion", "load_motion"),
     "analysis.multistart": ("find_optima",),
     "planning.planner": ("plan_from", "plan_motion"),
     "rod.point_shapes": ("PointShapes",),
@@ -75,7 +74,7 @@ _HOMES = {
     "rod.statics": ("solve_statics",),
     "planning.options": ("Options",),
     "planning.storage": ("load_plan", "save_plan"),
-    "nlp.window": ("Weights",),
+    "problem.weights": ("Weights",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

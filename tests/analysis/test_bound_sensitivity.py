@@ -10,11 +10,12 @@ from plans import TOUCH, first_steps, written
 from trunk_ocp.analysis.bound_sensitivity import RELAXATION, responses
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.ipopt_options import WARM_OPTIONS
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds, allowed
+from trunk_ocp.problem.weights import Weights
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.cli import commands
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.outcome import Solve, rank
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import PlanError, Status
 from trunk_ocp.planning.planner import plan_motion
@@ -24,6 +24,7 @@ from trunk_ocp.planning.replanning import Replanner
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.reporting import Reporter
 from trust import reference
 

@@ -225,6 +225,11 @@ def test_a_problem_with_another_comment_is_resumed(unfinished, whole):
     assert bits(unfinished / "out") == whole["sequential"]
 
 
+def test_a_run_with_other_weights_is_not_resumed(unfinished):
+    message = refused(unfinished, "--mode", "sequential", "--effort", "1e-3")
+    assert "the problem changed (weights.effort: 1e-05 -> 0.001)" in message
+
+
 def test_a_changed_anatomy_is_not_resumed(unfinished):
     shipped = Path(cli.__file__).parent.parent / "data" / "anatomies" / "asian-elephant.toml"
     text = shipped.read_text().replace("length = 1.75", "length = 1.76", 1)

@@ -18,7 +18,8 @@ from trunk_ocp.model.solids import Solid, in_head_frame, signed_distance
 from trunk_ocp.nlp.gap_functions import TILT, scaled_stretch, section_gap, solid_gap
 from trunk_ocp.nlp.gap_rows import GapRow
 from trunk_ocp.nlp.quantities import units_of
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.equations import point_parameters
 from trunk_ocp.rod.volume import section_scale

@@ -7,12 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.anatomy import AnatomySpec
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import as_built, build_motion
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.scene.surroundings import marks
 

@@ -7,7 +7,8 @@ from plans import first_steps, in_equilibrium, shipped
 from scipy.optimize import rosen, rosen_der, rosen_hess
 
 from trunk_ocp.nlp.nlp_builder import NLPBuilder
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import mesh_for
 
 # Two orders of evaluating the same sums of products: some thousand round-offs of 1e-16.

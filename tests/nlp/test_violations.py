@@ -8,7 +8,8 @@ import pytest
 from plans import in_equilibrium, shipped
 
 from trunk_ocp.nlp.violations import MAX_VIOLATIONS, Violation, violations
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import gauss, mesh_for
 
 L = 1.75

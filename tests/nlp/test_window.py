@@ -8,8 +8,9 @@ from plans import first_steps, in_equilibrium, planned, shipped
 
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.nlp.ipopt import Optimizer
-from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window import Window
 from trunk_ocp.problem.motion import HeldDirection
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import mesh_for
 from trust import reference
 

@@ -148,7 +148,7 @@ def test_a_plan_tells_its_versions_and_options(problem, tmp_path):
     assert told["versions"]["ipopt"].startswith("3.")
     assert told["options"]["max_iterations"] == 500
     assert told["options"]["linear_solver"] == "mumps"
-    assert told["options"]["weights"] == {"effort": 1e-5, "rate": 1e-5}
+    assert told["options"]["weights"] == {"effort": 1e-5, "rate": 1e-5, "head_effort": 0.0}
     assert told["options"]["command"]["problem"] == str(problem)
     assert told["options"]["command"]["mode"] == "horizon"
     with xr.open_dataset(tmp_path / "horizon" / "solution.nc", engine="scipy") as data:

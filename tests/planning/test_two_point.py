@@ -12,7 +12,6 @@ from trunk_ocp.analysis.diagnosis import explain
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.anatomy import build_trunk
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.nlp.window import Weights
 from trunk_ocp.planning import two_point, verification
 from trunk_ocp.planning.independent_rod import Rods, Sections, dop853
 from trunk_ocp.planning.plan import Plan, Status
@@ -22,6 +21,7 @@ from trunk_ocp.planning.verification import MAX_TURN, verify
 from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.problem.motion import Auxiliary, Bounds
 from trunk_ocp.problem.problem_file import ProblemSpec
+from trunk_ocp.problem.weights import Weights
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.linear_bvp import solve_linear_bvp
 from trunk_ocp.rod.rod_batch import shape_of_states

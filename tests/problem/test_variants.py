@@ -39,6 +39,11 @@ CHANGES = st.one_of(
     ),
     st.sampled_from(MUSCLES).map(lambda name: lambda motion: motion_without(motion, (name,))),
     st.integers(0, 99).map(started),
+    st.floats(0.0, 9.0).map(lambda mass: lambda motion: motion.with_loads(1, tip_mass=mass)),
+    st.sampled_from([0.0, 1.6]).map(lambda g: lambda motion: motion.with_loads(gravity=g)),
+    st.floats(0.1, 9.0).map(
+        lambda w: lambda motion: motion.weighted({"R*": w, "*1-dl": 2 * w}, terminal=w)
+    ),
 )
 HARD = """
 name = "hard"

@@ -39,6 +39,7 @@ EXPECTED = {
     Path: "a path",
     np.ndarray: "an array of real numbers",
     Callable: "a function",
+    Mapping: "a dict",
 }
 PLURALS = ("Loads", "PointShapes")
 """Names of classes that stand for several things."""

@@ -117,20 +117,48 @@ def read_toml(path: Path, model: type[Model]) -> Model:
             f"{path}: has a whole number of thousands of digits; expected at most "
             f"{sys.get_int_max_str_digits():,} digits."
         ) from None
+    return _validated(text, data, model, str(path))
+
+
+def validated(data: dict[str, Any], model: type[Model], where: str) -> Model:
+    """A section made in Python, of lists, tuples and arrays, checked as one of a file.
+
+    Raises
+    ------
+    InputError
+        If it does not fit `model`; the message begins with `where` and lists all faults.
+    """
+    try:
+        text = json.dumps(data, default=_as_json)
+    except (RecursionError, TypeError, ValueError) as error:
+        raise InputError(f"{where}: cannot be written to a file ({error}).") from None
+    return _validated(text, None, model, where)
+
+
+def _as_json(value: Any) -> Any:
+    """An array, a number of NumPy or a section as JSON types; anything else as a text."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def _validated(text: str, data: dict[str, Any] | None, model: type[Model], where: str) -> Model:
+    """A section from its JSON text, which is that of `data`."""
     try:
         check_json(text)
         content_model = model.model_validate_json(text)
         check_json(content_model.model_dump_json())  # must be small enough to be saved with a plan
         return content_model
     except InputError as error:
-        raise InputError(f"{path}: {error}. Remove what is not needed.") from None
+        raise InputError(f"{where}: {error}. Remove what is not needed.") from None
     except ValidationError as error:
         faults = error.errors(include_url=False)
+        data = json.loads(text) if data is None else data
         primary = _primary_faults(faults[: 10 * MAX_FAULTS], data)[:MAX_FAULTS]
         lines = [f"  {_describe(fault, model)}" for fault in primary]
         if len(faults) > 10 * MAX_FAULTS:
             lines.append("  and many more.")
-        raise InputError("\n".join([f"{path}:", *lines])) from None
+        raise InputError("\n".join([f"{where}:", *lines])) from None
 
 
 def _toml_fault(error: tomllib.TOMLDecodeError, content: bytes) -> str:
@@ -228,7 +256,8 @@ def _primary_faults(faults: list[Any], data: dict[str, Any]) -> list[Any]:
         mistaken = False
         for part in fault["loc"]:
             if _is_choice(part):
-                mistaken |= isinstance(value, dict) != str(part).endswith("Spec")
+                of_table = str(part).endswith("Spec") or str(part).startswith("dict[")
+                mistaken |= isinstance(value, dict) != of_table
                 continue
             place += (part,)
             with contextlib.suppress(LookupError, TypeError):

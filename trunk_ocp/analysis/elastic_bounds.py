@@ -25,9 +25,10 @@ from ..nlp.ipopt_options import DEFAULT_OPTIONS
 from ..nlp.outcome import Outcome
 from ..nlp.point_functions import weighted
 from ..nlp.quantities import scalar
-from ..nlp.window import Weights, Window
+from ..nlp.window import Window
 from ..planning.plan import Plan
 from ..problem.motion import Bounds, Motion
+from ..problem.weights import Weights
 from ..reporting import Reporter
 from ..rod.collocation import Mesh
 

@@ -20,11 +20,11 @@ import numpy as np
 from .._support.arguments import check_arguments
 from .._support.process_pool import DoneCallback, run_tasks
 from ..errors import InputError
-from ..nlp.window import Weights
 from ..planning.options import Options
 from ..planning.plan import Plan, Status
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
+from ..problem.weights import Weights
 from ..reporting import Reporter
 from .measures import DEFINITIONS, REVERSAL, Measures, plan_measures
 from .study_tasks import blind_and_horizon, plan_from_start, plan_of, sound
@@ -327,13 +327,14 @@ def smoothness_tradeoff(
         If an argument is of the wrong type or out of range.
     """
     options, equal = options or Options(), equal_bounds(motion)
-    choices = [replace(options, weights=replace(options.weights, rate=w)) for w in weights]
+    base = options.weights_for(motion)
+    choices = [replace(options, weights=replace(base, rate=w)) for w in weights]
     tasks = [(equal, choice) for choice in choices]
     pairs = run_tasks(blind_and_horizon, tasks, processes, reporter, done)
     return {
         "problem": motion.name,
         "rate_weight": list(weights),
-        "effort_weight": options.weights.effort,
+        "effort_weight": base.effort,
         "blind": [asdict(plan_measures(blind)) for blind, _ in pairs],
         "horizon": [asdict(plan_measures(horizon)) for _, horizon in pairs],
         "definitions": definitions(),

@@ -8,9 +8,9 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 
 from .._support.arguments import check_arguments
-from ..nlp.window import Weights
 from ..planning.active_bounds import touching
 from ..planning.plan import Plan
+from ..problem.weights import Weights
 from .reached_bounds import change_excess
 
 REVERSAL = 0.1
@@ -22,7 +22,9 @@ class Measures:
     """Measures of one plan: each with its unit, "" if it is dimensionless, and its meaning."""
 
     status: Annotated[str, "", "how the plan ended, as in summary.json"]
-    planner_objective: Annotated[float, "", "weighted tracking + effort + rate, as minimized"]
+    planner_objective: Annotated[
+        float, "", "weighted tracking + effort + rate + head effort, minimized"
+    ]
     paper_objective: Annotated[float, "", "J of eq. (42), not squared, summed over time steps"]
     tracking: Annotated[float, "", "weighted squared distances of all targets of all time steps"]
     worst_position_error: Annotated[float, "m", "largest distance to a target"]
@@ -102,18 +104,18 @@ def plan_measures(plan: Plan, weights: Weights | None = None) -> Measures:
     positions = np.concatenate([e.position for e in plan.errors] or [np.zeros(0)])
     directions = np.concatenate([e.direction for e in plan.errors] or [np.zeros(0)])
     change = np.diff(plan.trajectory, axis=0)
-    effort, rate = float(np.sum(plan.activations**2)), plan.squared_rate
-    tracking = plan.objective.tracking
+    objective = plan.objective
+    weighted = plan.costs(weights, objective.paper, objective.tracking)
     return Measures(
         status=plan.check().name.lower(),
-        planner_objective=tracking + weights.effort * effort + weights.rate * rate,
-        paper_objective=plan.objective.paper,
-        tracking=tracking,
+        planner_objective=weighted.total,
+        paper_objective=objective.paper,
+        tracking=objective.tracking,
         worst_position_error=float(positions.max(initial=0.0)),
         mean_position_error=float(positions.mean()) if positions.size else 0.0,
         worst_direction_error=float(directions.max(initial=0.0)),
-        squared_activation=effort,
-        squared_rate=rate,
+        squared_activation=float(np.sum(plan.activations**2)),
+        squared_rate=plan.squared_rate,
         total_variation=float(np.abs(change[1:, :-2]).sum()),
         largest_change=float(np.abs(change[1:, :-2]).max(initial=0.0)),
         reversals=sum(reversals(curve) for curve in plan.activations.T),

@@ -53,6 +53,11 @@ LAZY_COMMANDS = {
     "Plan H time steps at a time (receding horizon); replaces --mode.",
 )
 @contact_option
+@number_option(
+    "--effort", "weight", "W", "Weight of squared activations; replaces that of the problem file."
+)
+@number_option("--rate", "weight", "W", "Weight of squared rates of change; likewise.")
+@number_option("--head-effort", "weight", "W", "Weight of squared head angles; likewise.")
 @out_option("Folder for results.  [default: results/PROBLEM]")
 @click.option(
     "--linear-solver", default="mumps", show_default=True, help="Linear solver used by Ipopt."
@@ -112,7 +117,7 @@ def resume_command(parameters: Mapping[str, Any]) -> str:
     words = ["solve-motion", str(parameters.get("problem", "PROBLEM"))]
     for option in solve.params:
         value, name = parameters.get(str(option.name)), option.opts[0]
-        is_default = value in (None, False, option.default)
+        is_default = value is None or value is False or value == option.default
         if name.startswith("--") and name != "--resume" and not is_default:
             words += [name] if value is True else [name, str(value)]
     return shlex.join([*words, "--resume"])

@@ -47,6 +47,9 @@ def run_solve(
     mode: str,
     lookahead: int | None,
     contact: str | None,
+    effort: float | None,
+    rate: float | None,
+    head_effort: float | None,
     out: Path | None,
     options: Options,
     resume: bool,
@@ -61,6 +64,8 @@ def run_solve(
     interrupts = Interrupts.current or Interrupts()
     interrupts.hint = f"Resume with: {resume_command}"
     motion = load_problem(problem, contact)
+    if (effort, rate, head_effort) != (None, None, None):
+        motion = motion.weighted(effort, rate, head_effort)
     for warning in motion.warnings:
         warn(warning)
     folder = out or default_folder(problem, motion)

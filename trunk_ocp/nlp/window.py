@@ -17,12 +17,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._support.deferred_signals import deferred_interrupts
-from .._support.ranges import check
 from ..model.activation import segment_fractions, strains
 from ..model.loads import Loads
 from ..model.quaternions import directors
+from ..problem.mirror import mirror_order
 from ..problem.motion import Motion, Step
 from ..problem.targets import Direction, HeldDirection, Target
+from ..problem.weights import Weights
 from ..rod.collocation import Mesh
 from ..rod.equations import PARAMETERS, is_hung, point_parameters
 from ..rod.shape import Shape
@@ -45,33 +46,6 @@ from .quantities import Meaning, quantities, units_of
 from .rod_block import Unknowns, rod_equations, step_points
 from .separable_nlp import SeparableNLP
 from .tracked_positions import TrackedPositions
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the costs other than tracking.
-
-    Tracking is the weighted sum of squared distances of eq. (42). Positions count in m for a trunk
-    of 1.75 m and in proportion to length for others (`Motion.position_scale`), so that weights
-    have the same meaning at every size. Effort and rate are small: they select one of the many
-    solutions that track equally well.
-
-    Attributes
-    ----------
-    effort : float
-        Weight of the sum over time steps of the squared activations.
-    rate : float
-        Weight of the integral over time of the squared rates of activations (1/s) and head
-        angles (rad/s).
-    """
-
-    effort: float = 1e-5
-    rate: float = 1e-5
-
-    def __post_init__(self) -> None:
-        for name in ("effort", "rate"):
-            check(getattr(self, name), "weight", name)
-            object.__setattr__(self, name, float(getattr(self, name)))  # as JSON takes it
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,6 +261,20 @@ class Window:
             add.linear(rows, u.x[limited])
             add.linear(rows, before[limited], -1.0)
             before = u.x
+        if self.motion.spec.weights.symmetric:
+            self._symmetry()
+
+    def _symmetry(self) -> None:
+        """Add rows by which both sides contract alike."""
+        add, trunk = self._builder, self.motion.trunk
+        partners = mirror_order(trunk)
+        right = np.flatnonzero(np.arange(partners.size) < partners)
+        names = tuple(f"the difference of {name} and its partner" for name in trunk.muscles)
+        same = Meaning("symmetry", quantities(trunk)["activations"], names)
+        for number, u in enumerate(self.unknowns, self.offset):
+            rows = add.rows(same, right.size, step=number, controls=right)
+            add.linear(rows, u.x[right])
+            add.linear(rows, u.x[partners[right]], -1.0)
 
     def goals(self) -> Iterator[Goal]:
         """Goals of the targets, one for each position and direction."""
@@ -336,8 +324,9 @@ class Window:
         """
         weights = self._weights
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
-        working = x[1:, :-2][[bool(step.targets) for step in self.steps]]
-        yield square(), working.reshape(1, -1), np.full((1, working.size), weights.effort)
+        working = x[1:][[bool(step.targets) for step in self.steps]]
+        effort = np.append(weights.of_muscles(self.motion.trunk.muscles), 2 * [weights.head_effort])
+        yield square(), working.reshape(1, -1), np.tile(effort, len(working))[None]
         per_second = np.array([[weights.rate / step.duration] for step in self.steps])
         pairs = np.stack([x[:-1].ravel(), x[1:].ravel()])
         yield squared_change(), pairs, (per_second * np.ones_like(x[1:])).reshape(1, -1)

@@ -242,6 +242,8 @@ def _identity(
     motion: Motion, mode: str, lookahead: int, options: Options, start: Plan | None
 ) -> dict[str, Any]:
     """Everything that a plan depends on, ready for JSON."""
+    # By muscle, because in a table of patterns the order counts, which comparisons disregard.
+    effort = options.weights_for(motion).of_muscles(motion.trunk.muscles)
     return {
         "problem": plain(motion.spec),
         "anatomy": plain(motion.anatomy),
@@ -249,7 +251,7 @@ def _identity(
         "anatomy_sha256": fingerprint(motion.anatomy),
         "options": asdict(options) | {"mode": mode, "lookahead": lookahead},
         "versions": {key: text for key, text in versions().items() if key != "platform"},
-        "steps": fingerprint(motion.steps),
+        "steps": fingerprint([motion.steps, effort]),
         "start": None if start is None else fingerprint([start.x, start.shape.states, start.mesh]),
     }
 
@@ -273,7 +275,7 @@ def _changes(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
             shown = [*differences[:MAX_CHANGES_SHOWN], *more]
             clauses.append(f"the {part} changed ({', '.join(shown)})")
     if not clauses and old.get("steps") != new["steps"]:
-        clauses.append("the time steps changed")
+        clauses.append("the time steps or the weights of muscles changed")
     if not clauses and old.get("start") != new["start"]:
         clauses.append("the plan that it starts from changed")
     return clauses

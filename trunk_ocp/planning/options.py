@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral
 
 from .._support.arguments import check_fields
 from .._support.ranges import check
 from ..errors import InputError
-from ..nlp.window import Weights
 from ..problem.motion import Motion
+from ..problem.weights import Weights
 from ..rod.collocation import Mesh, mesh_for
 
 GAUSS_POINTS = 24
@@ -25,6 +25,8 @@ class Options:
 
     Attributes
     ----------
+    weights : Weights, optional
+        Weights of the costs beside tracking; by default those of the motion.
     elements, degree : int
         Mesh of the transcription, see `mesh_for`; refined if a plan's check asks for it. The
         degree is 6 by default, less (3 at least) where many segments bring many elements.
@@ -38,7 +40,7 @@ class Options:
         random. If the best misses a target, the passive trunk is tried in any case.
     """
 
-    weights: Weights = field(default_factory=Weights)
+    weights: Weights | None = None
     elements: int = 3
     degree: int | None = None
     linear_solver: str = "mumps"
@@ -53,6 +55,10 @@ class Options:
                 object.__setattr__(self, name, int(value))  # as JSON takes it, not of NumPy
         if not self.linear_solver:
             raise InputError("linear_solver = '': expected a name, such as mumps.")
+
+    def weights_for(self, motion: Motion) -> Weights:
+        """Weights of the costs beside tracking, of a plan of this motion."""
+        return motion.weights if self.weights is None else self.weights
 
 
 def mode_of(motion: Motion, lookahead: int | None) -> tuple[str, int]:

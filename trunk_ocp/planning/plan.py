@@ -20,9 +20,9 @@ from ..errors import TrunkError
 from ..model.loads import Loads
 from ..nlp.gap_rows import GapRow
 from ..nlp.outcome import Solve, rank
-from ..nlp.window import Weights
 from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
 from ..problem.motion import Motion
+from ..problem.weights import Weights
 from ..rod.buckling import Stability, all_stable, buckling_margin
 from ..rod.collocation import Mesh
 from ..rod.flutter import MODES as VIBRATION_MODES
@@ -84,18 +84,19 @@ FAILURES = {
 class Objective:
     """Costs of a plan: the paper's J (eq. 42, un-squared norms, in m) and the planner's own.
 
-    The planner minimizes `tracking` + `effort` + `rate`; see `Weights`.
+    The planner minimizes `tracking` + `effort` + `rate` + `head_effort`; see `Weights`.
     """
 
     paper: float
     tracking: float
     effort: float
     rate: float
+    head_effort: float
 
     @property
     def total(self) -> float:
         """What the planner minimizes."""
-        return self.tracking + self.effort + self.rate
+        return self.tracking + self.effort + self.rate + self.head_effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,17 +310,24 @@ class Plan:
         """Costs, from the independently integrated shapes."""
         position = sum(float(e.position_weights @ e.position**2) for e in self.errors)
         direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
-        return Objective(
+        return self.costs(
+            self.weights,
             sum(e.paper for e in self.errors),
             position * self.motion.position_scale**2 + direction,
-            self.weights.effort * float(np.sum(self.activations[self._working] ** 2)),
-            self.weights.rate * self.squared_rate,
         )
 
-    @property
-    def _working(self) -> np.ndarray:
-        """Which steps (H,) have targets; others cost no effort."""
-        return np.array([bool(s.targets) for s in self.motion.steps[: len(self.x)]], dtype=bool)
+    def costs(self, weights: Weights, paper: float, tracking: float) -> Objective:
+        """The objective with these weights, given its parts that do not depend on them."""
+        steps = self.motion.steps[: len(self.x)]
+        working = np.array([bool(step.targets) for step in steps], dtype=bool)  # others are free
+        squares = np.sum(self.x[working] ** 2, axis=0)
+        return Objective(
+            paper,
+            tracking,
+            effort=float(weights.of_muscles(self.motion.trunk.muscles) @ squares[:-2]),
+            rate=weights.rate * self.squared_rate,
+            head_effort=weights.head_effort * float(squares[-2:].sum()),
+        )
 
     @property
     def squared_rate(self) -> float:

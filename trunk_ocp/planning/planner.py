@@ -108,6 +108,7 @@ def plan_motion(
     began = time.perf_counter()
     motion = motion if initial is None else motion.started(initial)
     options, reporter = options or Options(), reporter or Reporter()
+    options = replace(options, weights=options.weights_for(motion))
     mode, lookahead = mode_of(motion, lookahead)
     ends, deferred = began + seconds_allowed(deadline), is_deferred(check)
     _check_start(start, motion)

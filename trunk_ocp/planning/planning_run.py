@@ -18,6 +18,7 @@ from ..nlp.ipopt import Optimizer
 from ..nlp.outcome import CONVERGED_STATUSES, FEASIBILITY_TOL, Outcome, rank
 from ..nlp.window import Window
 from ..problem.motion import Bounds, Motion, Step, allowed
+from ..problem.weights import Weights
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
 from ..rod.rod_batch import shape_of_states, unloaded_shape
@@ -67,6 +68,11 @@ class PlanningRun:
     def controls(self) -> int:
         """Number of activations and head angles of a step."""
         return len(self.motion.trunk.muscles) + 2
+
+    @property
+    def weights(self) -> Weights:
+        """Weights of the costs beside tracking."""
+        return self.options.weights_for(self.motion)
 
     @property
     def stopped(self) -> bool:
@@ -122,7 +128,7 @@ class PlanningRun:
             before,
             decided.held,
             first,
-            self.options.weights,
+            self.weights,
             self.gaps,
         )
 
@@ -242,7 +248,7 @@ class PlanningRun:
             reference,
             decided.held,
             first,
-            self.options.weights,
+            self.weights,
             self.gaps,
         )
         outcome = self._solve(window, self._guess(first, reference), detail)
@@ -276,7 +282,7 @@ class PlanningRun:
             shape=shape,
             mode=self.mode,
             lookahead=self.lookahead,
-            weights=self.options.weights,
+            weights=self.weights,
             auxiliary=decided.auxiliary,
             gaps=dict(self.gaps),
             converged=decided.converged,

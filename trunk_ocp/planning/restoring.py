@@ -6,6 +6,7 @@ taken from the file: `Plan.status` checks it again.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -17,10 +18,10 @@ from .._support.provenance import fingerprint
 from .._support.toml_files import check_json
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec
-from ..nlp.window import Weights
 from ..problem.build import build_motion
 from ..problem.motion import Motion
 from ..problem.problem_file import MAX_STEPS, ProblemSpec
+from ..problem.weights import Weights
 from ..rod.arguments import check_mesh
 from ..rod.collocation import Mesh
 from ..rod.equations import STATES
@@ -111,8 +112,9 @@ def _motion(attributes: dict[str, Any]) -> Motion:
     texts = [words(attributes[f"{name}_json"]) for name in ("problem", "anatomy")]
     check_texts(texts)
     spec, anatomy = _valid(ProblemSpec, texts[0]), _valid(AnatomySpec, texts[1])
-    for name, part in (("problem", spec), ("anatomy", anatomy)):
-        if attributes[f"{name}_sha256"] != fingerprint(part):
+    for name, text in zip(("problem", "anatomy"), texts, strict=True):
+        # Not that of `spec`, which may have keys that are newer than the file.
+        if attributes[f"{name}_sha256"] != fingerprint(json.loads(text)):
             raise InputError(f"its {name} was changed after the plan was made")
     return build_motion(spec, anatomy)
 
@@ -163,7 +165,7 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         for name in ("versions", "options")
     }
     return {
-        "weights": Weights(number(attributes["weight_effort"]), number(attributes["weight_rate"])),
+        "weights": _weights(attributes),
         "converged": bool(count(attributes["converged"])),
         "interrupted": bool(count(attributes["interrupted"])),
         "late": bool(count(attributes.get("late", 0))),
@@ -177,6 +179,16 @@ def _record(attributes: dict[str, Any]) -> dict[str, Any]:
         "versions": {name: words(text) for name, text in named["versions"].items()},
         "options": named["options"],
     }
+
+
+def _weights(attributes: dict[str, Any]) -> Weights:
+    """Weights; those of muscles are a table in JSON, and files of 0.2 have none of the head."""
+    effort = attributes["weight_effort"]
+    return Weights(
+        table(json_of(words(effort))) if isinstance(effort, str) else number(effort),
+        number(attributes["weight_rate"]),
+        number(attributes.get("weight_head_effort", 0.0)),
+    )
 
 
 def _controls(contents: Contents, prefix: str, rows: int, muscles: int) -> np.ndarray:

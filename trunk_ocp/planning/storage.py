@@ -13,6 +13,7 @@ import io
 import json
 import math
 import os
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,7 @@ def summary(plan: Plan) -> dict[str, Any]:
             "tracking": plan.objective.tracking,
             "effort": plan.objective.effort,
             "rate": plan.objective.rate,
+            "head_effort": plan.objective.head_effort,
         },
         "max_position_error": max(
             (float(e.position.max()) for e in plan.errors if e.position.size), default=math.nan
@@ -328,7 +330,7 @@ def _coordinates(plan: Plan, Z: np.ndarray) -> dict[str, Any]:
 
 def _attributes(plan: Plan) -> dict[str, Any]:
     """Attributes: the problem and the anatomy, and how the plan was made."""
-    motion = plan.motion
+    motion, effort = plan.motion, plan.weights.effort
     records = (plan.notes, plan.versions, plan.options, gaps_record(plan.gaps))
     others = [json.dumps(part) for part in records]
     return {
@@ -341,8 +343,9 @@ def _attributes(plan: Plan) -> dict[str, Any]:
         "status": plan.check().name.lower(),
         "plan_mode": plan.mode,
         "lookahead": plan.lookahead,
-        "weight_effort": plan.weights.effort,
+        "weight_effort": json.dumps(effort) if isinstance(effort, Mapping) else effort,
         "weight_rate": plan.weights.rate,
+        "weight_head_effort": plan.weights.head_effort,
         "converged": int(plan.converged),
         "interrupted": int(plan.interrupted),
         "late": int(plan.late),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -16,13 +17,17 @@ from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
+from .edits import built_spec
+from .mirror import asks_the_same, mirror_order
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .start import start_of
-from .step_solids import check_obstacles, step_solids
-from .targets import HeldDirection, earlier_step, origins_of, phase_targets, wrap_center
+from .step_solids import check_obstacles, head_solids, log_solids, phase_obstacles
+from .targets import HeldDirection, Target, earlier_step, origins_of, phase_targets, wrap_center
+from .variants import mirrored_spec
+from .weights import Weights
 
 ROUNDING = 1e-11  # relative, and absolute in SI units
 
@@ -58,39 +63,93 @@ def load_motion(name_or_path: str | Path) -> Motion:
     return replace(motion, warnings=plausibility_warnings(motion, path, anatomy_path))
 
 
-def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
+@check_arguments
+def made_motion(
+    name: str,
+    phases: Iterable[Mapping[str, Any]],
+    anatomy: str | Path = "asian-elephant",
+    **sections: Any,
+) -> Motion:
+    """A motion from Python values, which are checked as those of a problem file.
+
+    `Motion.build("reach", [{"duration": 1.0, "targets": [{"Z": 1.75, "position": [0.5, 0, 1]}]}])`
+
+    Parameters
+    ----------
+    phases : sequence of dict
+        With the keys of `[[phases]]`; names may be left out.
+    anatomy : str or Path
+        A shipped name, or the path of an anatomy file.
+    **sections
+        Other sections and keys of a problem file: `bounds`, `gravity`, `weights`, `obstacles`, ...
+        By default activations are from -2 to 0 and extensions from 0.67 to 1.35.
+
+    Raises
+    ------
+    InputError
+        With the messages of `load_motion`.
+    """
+    spec = built_spec(name, str(anatomy), phases, sections)
+    motion = build_motion(spec, read_anatomy(anatomy))
+    return replace(motion, warnings=plausibility_warnings(motion, Path(name), Path(anatomy)))
+
+
+Motion.build = staticmethod(made_motion)
+
+
+def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = None) -> Motion:
     """Turn a validated problem file and anatomy into a motion.
+
+    Fast, because a control loop does it at every tick: what is the same at all steps of a phase is
+    built once. `trunk` is that of the anatomy, if there is one already.
 
     Raises
     ------
     InputError
         For faults that only show in the two together: unknown muscles, points off the trunk,
         directions held from a step that is not earlier, two solids of one name, a start that
-        collapses a segment.
+        collapses a segment; if both sides shall contract alike in a motion that is not its own mirror
+        image.
     """
-    trunk = build_trunk(anatomy)
+    trunk = trunk or build_trunk(anatomy)
+    motion = _built(spec, anatomy, trunk)
+    if spec.weights.symmetric:
+        mirror_order(trunk)  # raises if a muscle has no partner
+        image = _built(mirrored_spec(spec, trunk.muscles), anatomy, trunk)
+        if not asks_the_same(motion, image):
+            raise InputError(
+                "weights.symmetric = true: the motion is not its own mirror image; expected "
+                "targets and loads in the plane Y = 0, and equal bounds and weights on both sides."
+            )
+    return motion
+
+
+def _built(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk) -> Motion:
+    """The motion of a spec; see `build_motion`."""
     check_obstacles(spec.obstacles, trunk)
     origins = origins_of(spec, trunk)
     matches = matching_muscles(spec, trunk.muscles)
-    box = _box(trunk, spec.bounds, matches, None, "bounds")
+    box = _box(trunk, spec.bounds, matches, None, "bounds", spec.weights.symmetric)
     steps: list[Step] = []
     with_targets: list[int] = []  # numbers of steps, from 0, as files count them
     phases: list[Phase] = []
     began = 0.0
+    head = head_solids(trunk)
+    before, loads_before = LoadsSpec(), Loads(spec.gravity)
     for number, phase in enumerate(spec.phases):
         where = f"phases[{number + 1}]"
         phase_box = _box(trunk, phase.bounds, matches, box, f"{where}.bounds")
-        before = spec.phases[number - 1].loads if number else LoadsSpec()
+        phase_loads = _loads(phase.loads, spec.gravity, trunk, where)
+        obstacles = phase_obstacles(spec, phase)
         parts = phase.free_steps + 1
         for part in range(1, phase.steps * parts + 1):
             free = part % parts != 0
             i = part / parts if free else part // parts  # in time steps with targets
             log = _log(spec, phase, i, origins)
             targets = () if free else phase_targets(phase, i, trunk, origins, with_targets, where)
-            loads = _loads(phase.loads, spec.gravity, trunk, where)
+            loads = phase_loads
             if i < 1:
-                start_loads = _loads(before, spec.gravity, trunk, where)
-                loads = _ramped(start_loads, loads, before, phase.loads, i)
+                loads = _ramped(loads_before, phase_loads, before, phase.loads, i)
             steps.append(
                 Step(
                     time=began + phase.duration * i / phase.steps,
@@ -100,17 +159,20 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec) -> Motion:
                     loads=loads,
                     pull=_pull(phase.loads, i / phase.steps, trunk, with_targets, where),
                     box=phase_box,
-                    change=_change(phase.change, math.ceil(i), len(trunk.muscles), parts),
+                    change=_change(phase.change, math.ceil(i), len(trunk.subdomains), parts),
                     auxiliary=None if free else _auxiliary(phase),
                     log=log,
-                    solids=step_solids(spec, phase, trunk, log),
+                    solids=(*head, *log_solids(log), *obstacles),
                 )
             )
             with_targets += [] if free else [len(steps) - 1]
         began += phase.duration
+        before, loads_before = phase.loads, phase_loads
         smooth = parts > 1 and phase.interpolation == "cosine"  # else it would stop at every step
         phases.append(Phase(phase.name, began, "hermite" if smooth else phase.interpolation))
+    steps[-1] = replace(steps[-1], targets=_terminal(steps[-1].targets, spec.weights.terminal))
     _check_contact(steps)
+    Weights(spec.weights.effort).of_muscles(trunk.muscles)  # raises if a muscle is unknown
     return Motion(
         spec,
         anatomy,
@@ -160,8 +222,12 @@ def _box(
     matches: dict[str, np.ndarray],
     outer: Bounds | None,
     where: str,
+    symmetric: bool = False,
 ) -> Bounds:
-    """Bounds of a phase; what it leaves out is as in `outer`, the motion's."""
+    """Bounds of a phase; what it leaves out is as in `outer`, the motion's.
+
+    Symmetric: psi_Z is 0, in all phases because they narrow the motion's bounds.
+    """
     count = len(trunk.muscles)
     if outer is None:
         lower = np.concatenate([np.zeros(count), [-HEAD_LIMIT, -HEAD_LIMIT]])
@@ -181,6 +247,8 @@ def _box(
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
         if angles is not None:
             lower[index], upper[index] = np.radians(angles)
+    if symmetric:
+        lower[count], upper[count] = max(lower[count], 0.0), min(upper[count], 0.0)
     if outer is not None:
         lower, upper = np.maximum(lower, outer.lower), np.minimum(upper, outer.upper)
     for i in np.flatnonzero(lower > upper).tolist():
@@ -189,6 +257,20 @@ def _box(
             f"{where}: {name} has no value left; expected bounds that overlap with the motion's."
         )
     return Bounds(lower, upper)
+
+
+def _terminal(targets: tuple[Target, ...], factor: float) -> tuple[Target, ...]:
+    """Targets of the last step, with their weights times a factor."""
+    if factor == 1:
+        return targets
+    return tuple(
+        replace(
+            target,
+            position_weight=factor * target.position_weight,
+            direction_weights=vector(factor * np.asarray(target.direction_weights)),
+        )
+        for target in targets
+    )
 
 
 def _change(specs: tuple[ChangeSpec, ...], i: int, count: int, parts: int) -> Bounds:

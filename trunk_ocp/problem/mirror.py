@@ -67,17 +67,25 @@ def mirrored_motion(motion: Motion) -> Motion:
 
 
 def is_symmetric(motion: Motion) -> bool:
-    """Whether a motion is its own mirror image to round-off: trunk, start, and all it asks for."""
+    """Whether a motion is its own mirror image: trunk, start, targets, loads, bounds, weights.
+
+    To round-off.
+    """
     try:
-        image = mirrored_motion(motion)
+        return asks_the_same(motion, mirrored_motion(motion))
     except InputError:  # the trunk itself is not symmetric
         return False
-    if not np.allclose(motion.start, image.start, rtol=0, atol=ROUND_OFF):
+
+
+def asks_the_same(motion: Motion, other: Motion) -> bool:
+    """Whether motions of one trunk have the same start, targets, loads, bounds, effort weights."""
+    if not np.allclose(motion.start, other.start, rtol=0, atol=ROUND_OFF):
         return False
-    units = _units(motion)
-    return all(
+    units, muscles = _units(motion), motion.trunk.muscles
+    efforts = [each.weights.of_muscles(muscles) for each in (motion, other)]
+    return np.array_equal(efforts[0], efforts[1]) and all(
         np.allclose(_numbers(a, *units), _numbers(b, *units), rtol=0, atol=ROUND_OFF)
-        for a, b in zip(motion.steps, image.steps, strict=True)
+        for a, b in zip(motion.steps, other.steps, strict=True)
     )
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
 from ..model.solid_specs import CONTACT_KINDS
 from ..model.solids import Solid
+from .edits import loaded_spec, retargeted_spec, weighted_spec
 from .problem_file import ProblemSpec
 from .start import start_of, start_spec
 from .targets import HeldDirection, Target
 from .variants import contact_spec, limited_spec, shifted_spec, valid_spec
+from .weights import Weights
 
 HEAD_LIMIT = math.pi / 2
 """Bound on head angles, in rad, where the problem file has none."""
@@ -169,8 +172,9 @@ class Motion:
     extension: tuple[float, float]
     box: Bounds
     start: np.ndarray
-    builder: Callable[[ProblemSpec, AnatomySpec], Motion]
+    builder: Callable[[ProblemSpec, AnatomySpec, Trunk | None], Motion]
     warnings: tuple[str, ...] = ()
+    build: ClassVar[Callable[..., Motion]]  # `made_motion` of `build`, which is above this module
 
     def __repr__(self) -> str:
         return f"<Motion {self.name}: {len(self.steps)} steps of {self.trunk!r}>"
@@ -184,6 +188,12 @@ class Motion:
     def gravity(self) -> float:
         """Gravitational acceleration along +e_Z in m/s^2, at the start and at the first step."""
         return self.steps[0].loads.gravity
+
+    @property
+    def weights(self) -> Weights:
+        """Weights of the costs beside tracking."""
+        section = self.spec.weights
+        return Weights(section.effort, section.rate, section.head_effort)
 
     @property
     def tolerance(self) -> tuple[float, float]:
@@ -210,7 +220,11 @@ class Motion:
         InputError
             If no problem file could have the spec, or if it does not fit the anatomy.
         """
-        motion = self.builder(valid_spec(spec, "spec"), self.anatomy)
+        return self._of(valid_spec(spec, "spec"))
+
+    def _of(self, spec: ProblemSpec) -> Motion:
+        """The motion of another spec, which is valid."""
+        motion = self.builder(spec, self.anatomy, self.trunk)
         return replace(motion, warnings=self.warnings)
 
     @check_arguments
@@ -224,7 +238,96 @@ class Motion:
         InputError
             If the offset is not three finite numbers.
         """
-        return self.with_spec(shifted_spec(self.spec, offset))
+        return self._of(shifted_spec(self.spec, offset))
+
+    @check_arguments
+    def retarget(
+        self, phase: str | int | None = None, Z: float | None = None, **keys: Any
+    ) -> Motion:
+        """The same motion with other targets of the same kinds, which a `Replanner` accepts.
+
+        `motion.retarget("reach", 1.75, position=(0.5, 0.1, 1.2), d3=(0, 0, 1))`
+
+        Parameters
+        ----------
+        phase : str or int, optional
+            Name of the phase, or its number from 1; may be left out if there is only one.
+        Z : float, optional
+            Point of the trunk in m that the target is for; may be left out if the phase has only
+            one target, or a wrap instead.
+        **keys
+            New values, by their keys in a problem file: `position`, `path` or `through`, `d1`,
+            `d2`, `d3` and their weights; of a wrap `center`, `path` or `through`, `angles_deg`,
+            `position_weights`, `d3_weights`.
+
+        Raises
+        ------
+        InputError
+            If there is no such target, it has no position or direction of this kind, or no problem
+            file could have the values.
+        """
+        return self._of(retargeted_spec(self.spec, phase, Z, keys))
+
+    @check_arguments
+    def with_loads(
+        self, phase: str | int | None = None, gravity: float | None = None, **keys: Any
+    ) -> Motion:
+        """The same motion with other loads.
+
+        `motion.with_loads("carry", tip_mass=5.0)`, or `motion.with_loads(log={"density": 900.0})`
+
+        Parameters
+        ----------
+        phase : str or int, optional
+            Name of the phase, or its number from 1; by default all phases.
+        gravity : float, optional
+            In m/s^2, of the whole motion.
+        **keys
+            New values, by their keys in a problem file: `tip_force`, `tip_mass`, `contact_force`,
+            ... Those of `log`, `pull` and `jump` are dicts, which change the phases that have one.
+
+        Raises
+        ------
+        InputError
+            If there is no such phase or key, or no problem file could have the values.
+        """
+        return self._of(loaded_spec(self.spec, phase, gravity, keys))
+
+    @check_arguments
+    def weighted(
+        self,
+        effort: float | Mapping[str, float] | None = None,
+        rate: float | None = None,
+        head_effort: float | None = None,
+        terminal: float | None = None,
+        symmetric: bool | None = None,
+    ) -> Motion:
+        """The same motion with other weights of the costs beside tracking; None: as it is.
+
+        Parameters
+        ----------
+        effort, rate, head_effort
+            See `Weights`.
+        terminal : float
+            Factor of the weights of all targets of the last time step.
+        symmetric : bool
+            Whether both sides contract alike and psi_Z is 0.
+
+        Raises
+        ------
+        InputError
+            If no problem file could have them, a pattern matches no muscle, or a motion that is not
+            its own mirror image shall be planned alike on both sides.
+        """
+        weights = {
+            "effort": effort,
+            "rate": rate,
+            "head_effort": head_effort,
+            "terminal": terminal,
+            "symmetric": symmetric,
+        }
+        given = {key: value for key, value in weights.items() if value is not None}
+        return self._of(weighted_spec(self.spec, given))
 
     @check_arguments
     def limited(self, activation: float | None = None, rate: float | None = None) -> Motion:
@@ -251,7 +354,7 @@ class Motion:
         for box in (self.box, *(step.box for step in self.steps)):
             self._check_limit(box, largest)
         fastest = math.inf if rate is None else rate
-        return self.with_spec(limited_spec(self.spec, largest, fastest))
+        return self._of(limited_spec(self.spec, largest, fastest))
 
     @check_arguments
     def started(self, x0: np.ndarray) -> Motion:
@@ -291,7 +394,7 @@ class Motion:
         InputError
             If it is none of these.
         """
-        return self.with_spec(contact_spec(self.spec, kinds))
+        return self._of(contact_spec(self.spec, kinds))
 
     def _check_limit(self, box: Bounds, activation: float) -> None:
         """Raise InputError if |gamma| <= activation leaves a muscle nothing of its bounds."""

@@ -1,8 +1,9 @@
-"""Patterns of muscle names in bounds and starts: `R1-dl`, `*3-dl`, `L*`."""
+"""Patterns of muscle names in bounds, starts and weights: `R1-dl`, `*3-dl`, `L*`."""
 
 from __future__ import annotations
 
 import fnmatch
+from collections.abc import Collection
 from functools import lru_cache
 
 import numpy as np
@@ -17,24 +18,31 @@ MAX_PATTERN_SHOWN = 200  # characters
 
 
 def matching_muscles(spec: ProblemSpec, muscles: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Indices of the muscles that each pattern of a problem's bounds and start matches.
+    """Indices of the muscles that each pattern of a problem's bounds and start matches."""
+    sections = (spec.bounds, *(phase.bounds for phase in spec.phases))
+    keys = {key for section in sections for key in section.muscles} | set(spec.start.activation)
+    return pattern_matches(keys, muscles, "bounds.muscles")
+
+
+def pattern_matches(
+    keys: Collection[str], muscles: tuple[str, ...], where: str
+) -> dict[str, np.ndarray]:
+    """Indices of the muscles that each name or pattern matches.
 
     Raises
     ------
     InputError
-        If there are too many patterns for that many muscles.
+        If there are too many patterns for that many muscles; names the section, `where`.
     """
-    sections = (spec.bounds, *(phase.bounds for phase in spec.phases))
-    keys = {key for section in sections for key in section.muscles} | set(spec.start.activation)
     patterns = {key for key in keys if set(key) & set("*?[")}
     if len(patterns) * len(muscles) > MAX_MATCHES:
         raise InputError(
-            f"bounds.muscles: {len(patterns):,} different patterns in all phases and the start for "
+            f"{where}: {len(patterns):,} different patterns in all phases and the start for "
             f"{len(muscles):,} muscles; expected at most {MAX_MATCHES // len(muscles):,}. Write "
             "the muscles' names, or use patterns that match more of them."
         )
     index = {name: [i] for i, name in enumerate(muscles)}
-    matches = {name: index.get(name, []) for name in keys - patterns}
+    matches = {name: index.get(name, []) for name in keys if name not in patterns}
     for pattern in patterns:
         matches[pattern] = [
             i for i, name in enumerate(muscles) if fnmatch.fnmatchcase(name, pattern)

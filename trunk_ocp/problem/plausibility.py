@@ -238,7 +238,7 @@ def _curve(place: TargetSpec | WrapSpec, phase: PhaseSpec, where: str) -> Iterat
                 "= [...] in place of path",
             )
     if place.through is not None:
-        times, _ = way_points(place.through, phase)
+        times, _ = way_points(place.through, phase.duration, phase.steps)
         yield from _between_steps(times, phase, f"{where}.through")
 
 
@@ -251,7 +251,7 @@ def _first_way_point(
     """
     assert spec.through is not None
     assert last.position is not None
-    times, points = way_points(spec.through, phase)
+    times, points = way_points(spec.through, phase.duration, phase.steps)
     if times[0] > OFF_STEP * phase.duration / phase.steps:
         return
     place = np.asarray(last.position) + points[0] - points[-1]

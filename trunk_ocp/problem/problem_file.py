@@ -32,6 +32,8 @@ MAX_WAY_POINTS = 1000
 """Most way points of a curve."""
 MAX_ENTRIES = 1000
 """Most entries of any other list."""
+DEFAULT_EFFORT, DEFAULT_RATE = 1e-5, 1e-5
+"""Weights that a file leaves out."""
 ROUND_OFF = 1e-9
 """Share of a phase by which its last way point may be late; way points are further apart."""
 
@@ -412,6 +414,34 @@ class ToleranceSpec(Strict):
     )
 
 
+class WeightsSpec(Strict):
+    """Costs of a plan beside its distance to targets; options of the command line override them."""
+
+    effort: NonNegative | Annotated[dict[str, NonNegative], MaxLen(MAX_ENTRIES)] = Field(
+        default=DEFAULT_EFFORT,
+        description="of the squared activations, at each time step with targets; or a table of "
+        'muscles by name or pattern, { "*" = 1e-5, "*1-dl" = 1e-4 }, in which later ones override '
+        "earlier ones",
+    )
+    rate: NonNegative = Field(
+        default=DEFAULT_RATE,
+        description="of the squared rates of activations and head angles, 1/s and rad/s, "
+        "integrated over time",
+    )
+    head_effort: NonNegative = Field(
+        default=0.0,
+        description="of the squared head angles, rad^2, at each time step with targets",
+    )
+    terminal: Positive = Field(
+        default=1.0, description="factor of the weights of all targets of the last time step"
+    )
+    symmetric: bool = Field(
+        default=False,
+        description="of a motion that is its own mirror image: both sides contract alike, and "
+        "psi_Z is 0",
+    )
+
+
 class ProblemSpec(Strict):
     """A problem file."""
 
@@ -432,6 +462,9 @@ class ProblemSpec(Strict):
     )
     tolerance: ToleranceSpec = Field(
         default=ToleranceSpec(), description="when targets count as reached"
+    )
+    weights: WeightsSpec = Field(
+        default=WeightsSpec(), description="costs of a plan beside its distance to targets"
     )
     phases: tuple[PhaseSpec, ...] = Field(
         min_length=1, max_length=MAX_STEPS, description="phases of the motion, in order"

@@ -19,17 +19,17 @@ def head_solids(trunk: Trunk) -> tuple[Solid, ...]:
     return tuple(built_solid(spec, "head", "head") for spec in trunk.head.body)
 
 
-def step_solids(
-    spec: ProblemSpec, phase: PhaseSpec, trunk: Trunk, log: Log | None
-) -> tuple[Solid, ...]:
-    """All solids at a step of a phase at which the log is `log`."""
-    logs = []
-    if log is not None and log.center is not None:
-        length = log.length or LENGTH_OVER_RADIUS * log.radius
-        logs.append(log_solid(log.center, log.radius, length))
+def phase_obstacles(spec: ProblemSpec, phase: PhaseSpec) -> tuple[Solid, ...]:
+    """Obstacles that are there in a phase."""
     there = (o for o in spec.obstacles if o.phases is None or phase.name in o.phases)
-    obstacles = (built_solid(obstacle, "obstacles", obstacle.frame) for obstacle in there)
-    return (*head_solids(trunk), *logs, *obstacles)
+    return tuple(built_solid(obstacle, "obstacles", obstacle.frame) for obstacle in there)
+
+
+def log_solids(log: Log | None) -> tuple[Solid, ...]:
+    """The log at a step, if it has a place."""
+    if log is None or log.center is None:
+        return ()
+    return (log_solid(log.center, log.radius, log.length or LENGTH_OVER_RADIUS * log.radius),)
 
 
 def log_solid(center: Vector, radius: float, length: float) -> Solid:

@@ -168,9 +168,8 @@ def _place(
     if spec.path is not None:
         place = bezier(spec.path, i / phase.steps)
     elif spec.through is not None:
-        times, points = way_points(spec.through, phase)
-        time = np.clip(phase.duration * i / phase.steps, times[0], times[-1])
-        place = CubicSpline(times, points)(time)
+        curve = _curve(spec.through, phase.duration, phase.steps)
+        place = curve(np.clip(phase.duration * i / phase.steps, curve.x[0], curve.x[-1]))
     elif fixed is not None:
         place = np.asarray(fixed)
     else:
@@ -178,17 +177,25 @@ def _place(
     return vector(origins[spec.origin] + place)
 
 
-def way_points(rows: Sequence[WayPoint], phase: PhaseSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Times (n,) in s from the phase's start and places (n, 3) in m of way points.
+@lru_cache(maxsize=32)  # every step of a phase asks for it
+def _curve(rows: tuple[WayPoint, ...], duration: float, steps: int) -> CubicSpline:
+    """The curve through way points, over time in s from the phase's start."""
+    return CubicSpline(*way_points(rows, duration, steps))
+
+
+def way_points(
+    rows: Sequence[WayPoint], duration: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) in s and places (n, 3) in m of way points of a phase of `duration` in s.
 
     Rows without a time are at equal intervals: one at each step if their number is that of the
     steps, else from the phase's start to its end.
     """
     table = np.asarray(rows, dtype=float)
     if table.shape[1] == 4:
-        return np.minimum(table[:, 0], phase.duration), table[:, 1:]
-    first = phase.duration / phase.steps if len(table) == phase.steps else 0.0
-    return np.linspace(first, phase.duration, len(table)), table
+        return np.minimum(table[:, 0], duration), table[:, 1:]
+    first = duration / steps if len(table) == steps else 0.0
+    return np.linspace(first, duration, len(table)), table
 
 
 def _point(
@@ -257,6 +264,8 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _on_trunk(Z: float, trunk: Trunk, where: str) -> float:
     """Z clipped to the trunk if it is outside by round-off; InputError if by more."""
+    if 0 <= Z <= trunk.length:
+        return Z
     Z = float(trunk.clipped(Z))
     if not 0 <= Z <= trunk.length:
         units = [(u, f * Z) for u, f in (("mm", 1e-3), ("cm", 1e-2)) if f * Z <= trunk.length]

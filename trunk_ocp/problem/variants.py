@@ -28,6 +28,7 @@ from .problem_file import (
     ProblemSpec,
     StartSpec,
     TargetSpec,
+    WeightsSpec,
     WrapSpec,
 )
 
@@ -35,9 +36,9 @@ Numbers = tuple[float, ...]
 Point = Callable[[np.ndarray], np.ndarray]
 Update = dict[str, Any]
 """Sections of a phase by their keys."""
+Value = TypeVar("Value")
 Section = TypeVar("Section", TargetSpec, WrapSpec)
 Limits = TypeVar("Limits", LimitsSpec, BoundsSpec)
-Value = TypeVar("Value", float, tuple[float, float])
 Angles = TypeVar("Angles", LimitsSpec, BoundsSpec, ChangeSpec)
 
 POINTS, CURVES = ("position", "center"), ("path", "through")
@@ -190,9 +191,9 @@ def mirrored_spec(spec: ProblemSpec, muscles: tuple[str, ...]) -> ProblemSpec:
     moved = _with_points(spec, _reflected)
     bounds = _mirrored_limits(spec.bounds, muscles)
     obstacles = tuple(_mirrored_obstacle(obstacle) for obstacle in spec.obstacles)
-    start = _mirrored_start(spec.start, muscles)
-    edited = _edited(moved, edit, bounds=bounds, start=start, obstacles=obstacles)
-    return valid_spec(edited, "mirror")
+    start, weights = _mirrored_start(spec.start, muscles), _mirrored_weights(spec.weights, muscles)
+    image = _edited(moved, edit, bounds=bounds, start=start, obstacles=obstacles, weights=weights)
+    return valid_spec(image, "mirror")
 
 
 def valid_spec(spec: ProblemSpec, variant: str) -> ProblemSpec:
@@ -313,24 +314,31 @@ def _mirrored_obstacle(obstacle: ObstacleSpec) -> ObstacleSpec:
 
 def _mirrored_limits(limits: Limits, muscles: tuple[str, ...]) -> Limits:
     """Bounds in the mirror: those of the muscles on the other side, and psi_Z reversed."""
-    pairs = _on_other_side(limits.muscles, muscles)
+    pairs = _mirrored_table(limits.muscles, muscles)
     return _mirrored_angle(limits.model_copy(update={"muscles": pairs}))
 
 
 def _mirrored_start(start: StartSpec, muscles: tuple[str, ...]) -> StartSpec:
     """A start in the mirror: activations of the muscles on the other side, and psi_Z reversed."""
-    activation = _on_other_side(start.activation, muscles)
+    activation = _mirrored_table(start.activation, muscles)
     return start.model_copy(update={"activation": activation, "head_z_deg": 0.0 - start.head_z_deg})
 
 
-def _on_other_side(values: Mapping[str, Value], muscles: tuple[str, ...]) -> dict[str, Value]:
-    """Values by name or pattern of the muscles on the other side."""
-    mirrored: dict[str, Value] = {}
-    for pattern, value in values.items():
+def _mirrored_weights(weights: WeightsSpec, muscles: tuple[str, ...]) -> WeightsSpec:
+    """Weights in the mirror: the efforts of the muscles on the other side."""
+    if not isinstance(weights.effort, dict):
+        return weights
+    return weights.model_copy(update={"effort": _mirrored_table(weights.effort, muscles)})
+
+
+def _mirrored_table(table: Mapping[str, Value], muscles: tuple[str, ...]) -> dict[str, Value]:
+    """Values by patterns of muscles, for the muscles on the other side."""
+    image: dict[str, Value] = {}
+    for pattern, value in table.items():
         for name in mirrored_pattern(pattern, muscles):
-            mirrored.pop(name, None)  # keep the order, because later entries override
-            mirrored[name] = value
-    return mirrored
+            image.pop(name, None)  # keep the order, because later entries override
+            image[name] = value
+    return image
 
 
 def _mirrored_angle(section: Angles) -> Angles:

@@ -52,13 +52,16 @@ def least_cost(plan: Plan, off: Collection[str] = ()) -> Plan:
     An optimal horizon plan is its own least-cost version, since tracking is the same for all.
     Parameters and errors are those of `least_effort`.
     """
-    silent, weights = _indices(plan, off), plan.weights
-    if weights.effort <= 0:
+    silent, effort = _indices(plan, off), plan.weights.of_muscles(plan.motion.trunk.muscles)
+    if np.any(effort <= 0):
         raise InputError(
             "weights: expected an effort above 0, without which the choice is not unique."
         )
-    rate = weights.rate / weights.effort
-    return _chosen(plan, lambda region: _least(plan, region.without(silent), rate))
+    rate, relative = plan.weights.rate / effort.max(), effort / effort.max()
+    return _chosen(
+        plan,
+        lambda region: _least(plan, region.without(silent), rate, relative[region.muscles]),
+    )
 
 
 def least_peak(plan: Plan) -> Plan:
@@ -134,12 +137,21 @@ def _chosen(plan: Plan, choose: Callable[[ActivationSet], np.ndarray | None]) ->
     return replace(plan, x=x)
 
 
-def _least(plan: Plan, region: ActivationSet, rate: float = 0.0) -> np.ndarray | None:
-    """Minimizer of |z|^2 + rate * integral of |dz/dt|^2 in a set; None if the set is empty."""
+def _least(
+    plan: Plan,
+    region: ActivationSet,
+    rate: float = 0.0,
+    effort: np.ndarray | float = 1.0,
+) -> np.ndarray | None:
+    """Minimizer of effort * z^2 + rate * integral of |dz/dt|^2 in a set; None if it is empty.
+
+    effort : weight of each muscle, (muscles,), or of all.
+    """
     duration = np.array([plan.motion.steps[t].duration for t in region.steps.tolist()])
     per_change = sp.diags_array(np.repeat(rate / duration, len(region.muscles)))
     D = region.difference
-    hessian = sp.csc_array(sp.eye_array(len(region.lower)) + D.T @ per_change @ D)
+    of_each = np.tile(np.broadcast_to(effort, region.muscles.shape), len(duration))
+    hessian = sp.csc_array(sp.diags_array(of_each) + D.T @ per_change @ D)
     scale = np.abs(hessian).max()
     rows = sp.csc_array(sp.vstack([region.strain, region.change]))
     if np.any(region.lower > region.upper):
