@@ -66,6 +66,14 @@ class QuadraticModel:
     targets: Sequence[tuple[np.ndarray, ...]]
 
 
+def can_condense(window: Window) -> bool:
+    """Whether all rows of a window but its equations are linear, and bounds of one control each.
+
+    Gaps from bodies are not, nor are sides that contract alike.
+    """
+    return not window.gap_rows and not window.motion.spec.weights.symmetric
+
+
 def layout_of(motion: Motion) -> Hashable:
     """Equal for motions whose windows have the same decision vector, and goals of the same kinds.
 
@@ -90,7 +98,7 @@ def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
 
 
 class CondensedWindow:
-    """The NLP of a window without gaps from bodies, in its controls and held directions.
+    """The NLP of a window that `can_condense`, in its controls and held directions.
 
     Attributes
     ----------

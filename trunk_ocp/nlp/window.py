@@ -101,7 +101,7 @@ class Window:
         gaps: Mapping[int, tuple[GapRow, ...]] | None = None,
     ) -> None:
         self.motion, self.mesh, self.steps, self.offset = motion, mesh, tuple(steps), offset
-        self.known, self.before, self._weights = held, previous, weights
+        self.known, self.before, self.weights = held, previous, weights
         trunk = motion.trunk
         units = units_of(trunk)
         self.length, self.moment, self.force = units.length, units.moment, units.force
@@ -153,7 +153,7 @@ class Window:
     def _builder(self) -> NLPBuilder:
         """Variables, rows and terms; see `renumbered`."""
         arguments = (self.motion, self.mesh, self.steps, self.before, self.known, self.offset)
-        return Window(*arguments, self._weights, self._gaps)._builder
+        return Window(*arguments, self.weights, self._gaps)._builder
 
     @cached_property
     def structure(self) -> bytes:
@@ -322,7 +322,7 @@ class Window:
 
         Steps without targets cost no effort: they would sag on the way for the sake of it.
         """
-        weights = self._weights
+        weights = self.weights
         x = np.stack([self.previous, *(u.x for u in self.unknowns)])
         working = x[1:][[bool(step.targets) for step in self.steps]]
         effort = np.append(weights.of_muscles(self.motion.trunk.muscles), 2 * [weights.head_effort])

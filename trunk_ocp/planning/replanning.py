@@ -18,7 +18,7 @@ from .._support.provenance import versions
 from ..contact.exchange import rows_for
 from ..errors import InputError
 from ..nlp.condensed_rods import IllConditionedError
-from ..nlp.condensed_window import layout_of
+from ..nlp.condensed_window import can_condense, layout_of
 from ..nlp.control_qp import QPError
 from ..nlp.control_sqp import ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
@@ -77,13 +77,15 @@ class Replanner:
         options = options or Options()
         self._lock, self._busy = threading.RLock(), False
         self._mesh, self._gaps = plan.mesh, plan.gaps
-        self._options = replace(options, weights=plan.weights)
+        # Weights that were the plan's alone stay; those of its motion go with the motion.
+        own = plan.weights if plan.weights != plan.motion.weights else options.weights
+        self._options = replace(options, weights=own)
         self._optimizer = Optimizer(
             options.linear_solver, options.max_iterations, reporter or Reporter(), WARM_OPTIONS
         )
         self._motion, self._layout = plan.motion, layout_of(plan.motion)
         self._window = self._new_window(plan.motion)
-        self._sqp = None if self._window.gap_rows else ControlSQP(self._window)
+        self._sqp = ControlSQP(self._window) if can_condense(self._window) else None
         self._newest = self._reached = _Point(self._window.pack(plan.x, plan.shape))
         self._newest, _ = self._by_any(self._window, np.inf)
         self._reached = self._newest
@@ -168,7 +170,7 @@ class Replanner:
             late=outcome.late,
             deferred=deferred,
             versions=versions(),
-            options=asdict(self._options),
+            options=asdict(replace(self._options, weights=run.weights)),
             iterations=outcome.iterations,
             solve_seconds=optimizer.solve_seconds - solve,
             derivative_seconds=optimizer.derivative_seconds - derivatives,
@@ -206,15 +208,15 @@ class Replanner:
                 f"{motion.name}: differs from the planned motion in structure; expected "
                 "the same steps, target points and kinds of bounds. Use plan_motion."
             )
-        if self._window.gap_rows or motion.trunk != self._motion.trunk:
+        same = motion.trunk is self._motion.trunk or motion.trunk == self._motion.trunk
+        if not same or self._sqp is None or self._run(motion).weights != self._window.weights:
             window = self._new_window(motion)
             if window.bounds["lbx"].size != self._reached.full.size:
                 raise InputError(
                     f"{motion.name}: differs from the planned motion in structure; expected the "
                     "same segments and muscles. Use plan_motion."
                 )
-            if not window.gap_rows:
-                self._sqp = ControlSQP(window)
+            self._sqp = ControlSQP(window) if can_condense(window) else None
             self._window, self._motion = window, motion
             return window
         return self._window.renumbered(motion)
@@ -246,4 +248,4 @@ class Replanner:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.RLock())
         self._window = self._new_window(self._motion)
-        self._sqp = None if self._window.gap_rows else ControlSQP(self._window)
+        self._sqp = ControlSQP(self._window) if can_condense(self._window) else None
