@@ -10,7 +10,7 @@ from toys import TRUNK as SHORTENER
 from toys import C, shortening
 
 from trunk_ocp.nlp.condensed_window import CondensedWindow
-from trunk_ocp.nlp.control_qp import ControlQP, QPError, _is_convex, _made_convex
+from trunk_ocp.nlp.control_qp import ControlQP, _is_convex, _made_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.window import Weights, Window
@@ -140,5 +140,8 @@ def test_bounds_that_contradict_each_other_are_reported():
     w = window_of(shortening([-0.1, -0.3], most=0.1))
     motion = w.motion.started(np.array([-0.9, -0.9, 0.0, 0.0]))
     w = window_of(motion.limited(activation=0.2))
-    with pytest.raises(QPError):
-        solved(w, packed(w, np.zeros((2, 4))))
+    outcome, point = solved(w, packed(w, np.zeros((2, 4))))
+    assert outcome.message == "Infeasible_Problem_Detected"
+    assert not outcome.converged
+    assert outcome.infeasibility > 0.1
+    assert np.all(np.isfinite(point.full))

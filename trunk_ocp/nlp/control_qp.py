@@ -17,7 +17,11 @@ QP_TOL = 1e-9
 
 
 class QPError(ArithmeticError):
-    """A quadratic program was not solved, or has no feasible point."""
+    """A quadratic program was not solved."""
+
+
+class InfeasibleQPError(QPError):
+    """A quadratic program has no feasible point: bounds contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +102,7 @@ class ControlQP:
 
         Raises
         ------
-        QPError
+        InfeasibleQPError, QPError
         """
         blocks, is_convex = model.blocks, _is_convex(model.blocks, model.links)
         if not is_convex:
@@ -125,6 +129,8 @@ class ControlQP:
         )
         status = solver.solve()
         result = solver.result
+        if status == piqp.PIQP_PRIMAL_INFEASIBLE:
+            raise InfeasibleQPError("the quadratic program has no feasible point")
         if status != piqp.PIQP_SOLVED:
             raise QPError(f"the quadratic program was not solved ({status})")
         multipliers = np.array(result.y) / scale if self._held else np.zeros(0)

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..reporting import Progress, Reporter
+from .condensed_rods import IllConditionedError
 from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
-from .control_qp import ControlQP, QPStep
+from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
 from .ipopt import Optimizer
 from .outcome import (
     CONVERGED_STATUSES,
@@ -38,7 +39,9 @@ DECREASE_TOL = 1e-4
 ACCURACY_TOL = 1e-3
 """The minimum of a convex model is a solution: the model's error there, over the objective."""
 SUFFICIENT_DECREASE = 1e-4
-STOPPED = "Maximum_Iterations_Exceeded"
+ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
+STUCK = "Error_In_Step_Computation"
+"""Messages, as Ipopt's; STUCK where the method does not apply, or makes no progress."""
 RESERVE = 1.2
 """Time that must be left for another iteration, over that of the last one."""
 
@@ -64,11 +67,8 @@ class SQPPoint:
 class ControlSQP:
     """Solves windows of one layout; see the module.
 
-    Raises
-    ------
-    IllConditionedError, QPError
-        `solve` raises them where the method does not apply: thin tips under load, bounds that
-        contradict each other. Ipopt may do better, or at least say why.
+    It does not apply to rods on which errors grow too much, such as thin tips under load, and may
+    make no progress far from a solution; Ipopt may do better then.
     """
 
     def __init__(self, window: Window) -> None:
@@ -97,37 +97,42 @@ class ControlSQP:
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
         point = min(starts, key=lambda start: condensed.objective(start.full))
-        message, iteration, seconds = STOPPED, 0, 0.0
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
-        for iteration in range(1, min(MAX_ITERATIONS, records.max_iterations) + 1):
+        most = min(MAX_ITERATIONS, records.max_iterations)
+        message, seconds = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK, 0.0
+        while len(history) < most:
             began = time.perf_counter()
             if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
                 break
-            model = condensed.model(point.full, point.multipliers, point.forces)
-            x = model.full[condensed.x]
-            records.derivative_seconds += time.perf_counter() - began
-            violation = max(self._qp.violation(window, x), model.rods.residual)
-            history.append((model.objective, violation, math.nan))
-            _report(window, reporter, model.full, iteration - 1, violation)
-            feasible = violation <= FEASIBILITY_TOL
-            found = self._qp.solve(window, model, x)
-            expected = _change(model, found.step)
+            try:
+                model = condensed.model(point.full, point.multipliers, point.forces)
+                records.derivative_seconds += time.perf_counter() - began
+                x = model.full[condensed.x]
+                violation = max(self._qp.violation(window, x), model.rods.residual)
+                _report(window, reporter, model.full, len(history), violation)
+                history.append((model.objective, violation, math.nan))
+                found = self._qp.solve(window, model, x)
+            except (IllConditionedError, QPError) as failure:
+                message = INFEASIBLE if isinstance(failure, InfeasibleQPError) else STUCK
+                break
+            feasible, expected = violation <= FEASIBILITY_TOL, _change(model, found.step)
             if feasible and -expected <= DECREASE_TOL * abs(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
             trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
             if trial is None:
+                message = STUCK
                 break
             point, error = trial
             seconds = time.perf_counter() - began
             if feasible and found.convex and error <= ACCURACY_TOL:
                 message = CONVERGED_STATUSES[0]
                 break
-        outcome = self._outcome(condensed, window, point, iteration, message)
+        outcome = self._outcome(condensed, window, point, len(history), message)
         records.solve_seconds += time.perf_counter() - start
-        records.iterations += iteration
+        records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -17,9 +18,7 @@ from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
 from ..contact.exchange import rows_for
 from ..errors import InputError
-from ..nlp.condensed_rods import IllConditionedError
 from ..nlp.condensed_window import can_condense, layout_of
-from ..nlp.control_qp import QPError
 from ..nlp.control_sqp import ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
@@ -105,7 +104,8 @@ class Replanner:
         Threads take turns. Each re-plan starts from the newest one, or the last one that reached
         its targets, whichever is better now. One that runs out of time or iterations returns its
         newest iterate, whose rods are in equilibrium and within bounds, with status TIME_LIMIT or
-        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Gaps from bodies
+        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Where SQP fails,
+        Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin. Gaps from bodies
         are kept where the plan of the constructor keeps them; a plan that comes too close elsewhere
         has the status COLLIDING.
 
@@ -183,14 +183,11 @@ class Replanner:
         full = self._reached.full
         if self._sqp is not None:
             starts = [point.sqp or self._sqp.start(point.full) for point in self._starts]
-            try:
-                outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
-                used_up = outcome.iterations == self._optimizer.max_iterations
-                if outcome.converged or outcome.stopped or used_up:
-                    return _Point(found.full, found), outcome
-                full = found.full
-            except (IllConditionedError, QPError):
-                pass  # Ipopt may do better, or at least says which bounds are violated
+            outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
+            done = outcome.converged or outcome.stopped
+            if done or math.isfinite(ends) or outcome.iterations == self._optimizer.max_iterations:
+                return _Point(found.full, found), outcome
+            full = found.full  # with time, Ipopt may do better, or says which bounds are violated
         last = self._reached.multipliers
         outcome = self._optimizer.solve(window, full, "horizon", "re-plan", last, return_last=True)
         return _Point(outcome.full, None, outcome.multipliers), outcome
