@@ -93,7 +93,9 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     x = np.zeros(condensed.x.shape)
     model = condensed.model(packed(w, x), np.zeros(3))
     found = qp.solve(w, model, x)
-    blocks = model.blocks if found.convex else _made_convex(model.blocks, model.links)
+    blocks = model.blocks
+    if not _is_convex(blocks, model.links):
+        blocks = _made_convex(blocks, model.links)
     (H, n), size = x.shape, condensed.size
     hessian = np.zeros((size, size))
     for t in range(H):

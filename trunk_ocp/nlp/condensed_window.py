@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -53,6 +53,11 @@ class QuadraticModel:
     rods : CondensedRods
     targets : sequence of (variables, steps, gradients, changes of gradients)
         Parts of the tracking cost, for `CondensedWindow.expected_forces`.
+    changes : (variables, C + 1)
+        Changes of controls, held directions and poses of targets by the local controls, and by the
+        Newton step that removes residuals.
+    newton : float
+        Share of that Newton step that a step takes: 1, or 0 where there are no residuals.
     """
 
     full: np.ndarray
@@ -64,6 +69,8 @@ class QuadraticModel:
     held_rest: np.ndarray
     rods: CondensedRods
     targets: Sequence[tuple[np.ndarray, ...]]
+    changes: np.ndarray
+    newton: float = 1.0
 
 
 def can_condense(window: Window) -> bool:
@@ -270,7 +277,11 @@ class CondensedWindow:
 
     def moved(self, model: QuadraticModel, step: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Decision vector after a share of a step in z, to first order."""
-        rods, full, local = model.rods, model.full.copy(), self._local(step)[:, None, :, None]
+        rods, full, local = (
+            model.rods,
+            model.full.copy(),
+            self._local(model, step)[:, None, :, None],
+        )
         full[self.x] += share * step[: self.x.size].reshape(self.x.shape)
         full[self.held.ravel()] += share * step[self.x.size :]
         full[self._edges] += share * (rods.edges @ local)[..., 0]
@@ -352,7 +363,30 @@ class CondensedWindow:
         blocks[:, np.arange(n), np.arange(n)] += self._diagonal[1:]
         links = self._links[1:]
         return QuadraticModel(
-            full, objective + value, whole, blocks, links, rows, rest, rods, targets
+            full, objective + value, whole, blocks, links, rows, rest, rods, targets, changes
+        )
+
+    def recentered(self, model: QuadraticModel, full: np.ndarray) -> QuadraticModel:
+        """The model at a settled vector nearby: exact gradients of targets, all else as before.
+
+        For second-order corrections: a long step takes targets off by its square, which costs more
+        than all that the step gains, and one more step with the same matrices takes that back.
+        """
+        n, changes = self.x.shape[1], model.changes.copy()
+        changes[:, -1] = 0.0
+        objective, gradient, _, _, targets = self._tracking(full, changes)
+        value, by_controls = self._quadratic(full[self.x])
+        whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
+        rest = np.zeros_like(model.held_rest)
+        return replace(
+            model,
+            full=full,
+            objective=objective + value,
+            gradient=whole,
+            held_rest=rest,
+            targets=targets,
+            changes=changes,
+            newton=0.0,
         )
 
     def _changes(self, size: int, rods: CondensedRods, base_slope: np.ndarray) -> np.ndarray:
@@ -395,17 +429,17 @@ class CondensedWindow:
 
     def expected_forces(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
         """Derivatives (variables,) of the targets' cost after a step in z, by the model."""
-        forces, local = np.zeros(model.full.size), self._local(step)
+        forces, local = np.zeros(model.full.size), self._local(model, step)
         for variables, steps, slope, bent in model.targets:
             np.add.at(forces, variables, slope + (bent @ local[steps, :, None])[..., 0])
         return forces
 
-    def _local(self, step: np.ndarray) -> np.ndarray:
-        """A step in z by local controls of each time step, and 1: the Newton step, (H, C + 1)."""
+    def _local(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
+        """A step in z by local controls of each time step, and the Newton step, (H, C + 1)."""
         H = len(self.x)
         held = np.broadcast_to(step[self.x.size :], (H, self.held.size))
         return np.concatenate(
-            [step[: self.x.size].reshape(self.x.shape), held, np.ones((H, 1))], axis=1
+            [step[: self.x.size].reshape(self.x.shape), held, np.full((H, 1), model.newton)], axis=1
         )
 
     def _held_equations(

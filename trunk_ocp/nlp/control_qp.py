@@ -34,13 +34,10 @@ class QPStep:
         Change of z.
     multipliers : (3 D,)
         Of the equations of held directions.
-    convex : bool
-        Whether the model was convex, so that the program is the model.
     """
 
     step: np.ndarray
     multipliers: np.ndarray
-    convex: bool
 
 
 class ControlQP:
@@ -104,8 +101,8 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        blocks, is_convex = model.blocks, _is_convex(model.blocks, model.links)
-        if not is_convex:
+        blocks = model.blocks
+        if not _is_convex(blocks, model.links):
             blocks = _made_convex(blocks, model.links)
         scale = 1 / np.abs(blocks).max()
         i, j = self._upper
@@ -134,7 +131,7 @@ class ControlQP:
         if status != piqp.PIQP_SOLVED:
             raise QPError(f"the quadratic program was not solved ({status})")
         multipliers = np.array(result.y) / scale if self._held else np.zeros(0)
-        return QPStep(np.array(result.x), multipliers, is_convex)
+        return QPStep(np.array(result.x), multipliers)
 
 
 def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:

@@ -34,10 +34,10 @@ LABEL = ("horizon", "re-plan")
 MAX_ITERATIONS = 50
 MAX_HALVINGS = 6
 """Of a step that does not lower the objective, or after which rods find no equilibrium."""
+MAX_CORRECTIONS = 2
+"""Second-order corrections of a step."""
 DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
-ACCURACY_TOL = 1e-3
-"""The minimum of a convex model is a solution: the model's error there, over the objective."""
 SUFFICIENT_DECREASE = 1e-4
 ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
 STUCK = "Error_In_Step_Computation"
@@ -121,15 +121,12 @@ class ControlSQP:
             if feasible and -expected <= DECREASE_TOL * abs(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
-            trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
-            if trial is None:
+            asked = expected if feasible else math.inf
+            accepted = self._accepted(condensed, window, model, found, asked)
+            if accepted is None:
                 message = STUCK
                 break
-            point, error = trial
-            seconds = time.perf_counter() - began
-            if feasible and found.convex and error <= ACCURACY_TOL:
-                message = CONVERGED_STATUSES[0]
-                break
+            point, seconds = accepted, time.perf_counter() - began
         outcome = self._outcome(condensed, window, point, len(history), message)
         records.solve_seconds += time.perf_counter() - start
         records.iterations += len(history)
@@ -137,11 +134,14 @@ class ControlSQP:
         return outcome, point
 
     def _accepted(
-        self, condensed: CondensedWindow, model: QuadraticModel, found: QPStep, expected: float
-    ) -> tuple[SQPPoint, float] | None:
-        """The point after the largest share of a step that is accepted.
-
-        And the error of the model's objective there, relative; infinite after a part of the step.
+        self,
+        condensed: CondensedWindow,
+        window: Window,
+        model: QuadraticModel,
+        found: QPStep,
+        expected: float,
+    ) -> SQPPoint | None:
+        """The first point that is accepted: after the step, a corrected step, or a share of it.
 
         expected : change of the objective by the model, which the step must achieve in part;
             infinite if the step restores bounds, so that any is accepted.
@@ -152,13 +152,38 @@ class ControlSQP:
             full, residual = condensed.settled(moved, model.rods)
             if not residual <= FEASIBILITY_TOL:
                 continue
-            objective = condensed.objective(full)
-            most = SUFFICIENT_DECREASE * share * expected
-            if objective - model.objective <= most:
+            most = model.objective + SUFFICIENT_DECREASE * share * expected
+            if condensed.objective(full) <= most:
                 forces = condensed.expected_forces(model, share * found.step)
-                error = abs(objective - model.objective - expected) / abs(objective)
-                error = error if share == 1 else math.inf
-                return SQPPoint(full, found.multipliers, forces), error
+                return SQPPoint(full, found.multipliers, forces)
+            if share == 1 and (point := self._corrected(condensed, window, model, full, most)):
+                return point
+        return None
+
+    def _corrected(
+        self,
+        condensed: CondensedWindow,
+        window: Window,
+        model: QuadraticModel,
+        full: np.ndarray,
+        most: float,
+    ) -> SQPPoint | None:
+        """The point after second-order corrections of a step that led to `full`.
+
+        None if its objective is not `most` or less.
+        """
+        for _ in range(MAX_CORRECTIONS):
+            again = condensed.recentered(model, full)
+            try:
+                found = self._qp.solve(window, again, full[condensed.x])
+            except QPError:
+                return None
+            full, residual = condensed.settled(condensed.moved(again, found.step), model.rods)
+            if not residual <= FEASIBILITY_TOL:
+                return None
+            if condensed.objective(full) <= most:
+                forces = condensed.expected_forces(again, found.step)
+                return SQPPoint(full, found.multipliers, forces)
         return None
 
     def _outcome(

@@ -97,8 +97,8 @@ def plan_motion(
         If the plan is not solved; the error has the plan.
     InputError
         If the lookahead is not a whole number of at least 1, the deadline not positive, `check`
-        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to another
-        plan.
+        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to
+        another plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
         as well.

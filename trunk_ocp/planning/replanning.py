@@ -105,9 +105,10 @@ class Replanner:
         its targets, whichever is better now. One that runs out of time or iterations returns its
         newest iterate, whose rods are in equilibrium and within bounds, with status TIME_LIMIT or
         ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Where SQP fails,
-        Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin. Gaps from bodies
-        are kept where the plan of the constructor keeps them; a plan that comes too close elsewhere
-        has the status COLLIDING.
+        Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin.
+
+        Gaps from bodies are kept where the plan of the constructor keeps them; a plan that comes
+        too close elsewhere has the status COLLIDING.
 
         Parameters
         ----------
