@@ -289,7 +289,7 @@ def test_feasible_points_rank_before_others_and_then_by_objective():
 # --- what is said ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("status", Status)
+@pytest.mark.parametrize("status", CHECKED)
 def test_every_failure_is_told_with_something_to_try(ends, status):
     diagnosis = explain(ends[status])
     failures = [finding for finding in diagnosis.findings if finding.level == "failure"]
