@@ -222,7 +222,7 @@ class Plan:
 
     @cached_property
     def verification(self) -> Verification:
-        """Independent check of every step; integrates all rods, about 0.3 s."""
+        """Independent check of every step; integrates all rods, about 1 ms each."""
         return verify(self.motion, self.x, self.loads, self.shape, self.auxiliary)
 
     @cached_property
