@@ -88,7 +88,7 @@ def layout_of(motion: Motion) -> Hashable:
         pull = None if step.pull is None else step.pull[1]
         limited = step.change.limited.tobytes()
         steps.append((step.duration, targets, pull, is_hung(step.loads), limited))
-    return motion.extension, tuple(steps)
+    return motion.extension, motion.spec.weights.symmetric, tuple(steps)
 
 
 def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
@@ -223,6 +223,7 @@ class CondensedWindow:
     def _equations(self, full: np.ndarray) -> RodEquationsAt:
         """The rods' equations at a decision vector, in which explicit variables are updated."""
         L, trunk = self._length, self._trunk
+        full[self.window.previous] = self.window.before
         x = full[self.x]
         strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
         full[self._strain] = strain

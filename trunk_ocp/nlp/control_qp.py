@@ -103,7 +103,7 @@ class ControlQP:
         blocks, is_convex = model.blocks, _is_convex(model.blocks, model.links)
         if not is_convex:
             blocks = _made_convex(blocks, model.links)
-        scale = 1 / np.abs(blocks).max()
+        scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..reporting import Progress, Reporter
-from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
+from .condensed_window import CondensedWindow, QuadraticModel
 from .control_qp import ControlQP, QPStep
 from .ipopt import Optimizer
 from .outcome import (
@@ -54,11 +54,14 @@ class SQPPoint:
         Of the equations of held directions.
     forces : (variables,) or None
         As in `CondensedWindow.model`.
+    residual : float
+        Of the equations at `full`, for the window that it was found for.
     """
 
     full: np.ndarray
     multipliers: np.ndarray
     forces: np.ndarray | None = None
+    residual: float = math.inf
 
 
 class ControlSQP:
@@ -102,13 +105,15 @@ class ControlSQP:
         start = time.perf_counter()
         for iteration in range(1, min(MAX_ITERATIONS, records.max_iterations) + 1):
             began = time.perf_counter()
-            if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
+            if seconds and (reporter.stop or began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
                 break
             model = condensed.model(point.full, point.multipliers, point.forces)
             x = model.full[condensed.x]
             records.derivative_seconds += time.perf_counter() - began
-            violation = max(self._qp.violation(window, x), model.rods.residual)
+            held = float(np.abs(model.held_rest).max(initial=0.0))
+            point = replace(point, full=model.full, residual=max(model.rods.residual, held))
+            violation = max(self._qp.violation(window, x), point.residual)
             history.append((model.objective, violation, math.nan))
             _report(window, reporter, model.full, iteration - 1, violation)
             feasible = violation <= FEASIBILITY_TOL
@@ -122,7 +127,11 @@ class ControlSQP:
                 break
             point, error = trial
             seconds = time.perf_counter() - began
-            if feasible and found.convex and error <= ACCURACY_TOL:
+            if (
+                feasible
+                and found.convex
+                and error <= ACCURACY_TOL * condensed.objective(point.full)
+            ):
                 message = CONVERGED_STATUSES[0]
                 break
         outcome = self._outcome(condensed, window, point, iteration, message)
@@ -136,7 +145,7 @@ class ControlSQP:
     ) -> tuple[SQPPoint, float] | None:
         """The point after the largest share of a step that is accepted.
 
-        And the error of the model's objective there, relative; infinite after a part of the step.
+        And the error of the model's objective there; infinite after a part of the step.
 
         expected : change of the objective by the model, which the step must achieve in part;
             infinite if the step restores bounds, so that any is accepted.
@@ -147,13 +156,11 @@ class ControlSQP:
             full, residual = condensed.settled(moved, model.rods)
             if not residual <= FEASIBILITY_TOL:
                 continue
-            objective = condensed.objective(full)
-            most = SUFFICIENT_DECREASE * share * expected
-            if objective - model.objective <= most:
+            change = condensed.objective(full) - model.objective
+            if change <= SUFFICIENT_DECREASE * share * expected:
                 forces = condensed.expected_forces(model, share * found.step)
-                error = abs(objective - model.objective - expected) / abs(objective)
-                error = error if share == 1 else math.inf
-                return SQPPoint(full, found.multipliers, forces), error
+                error = abs(change - expected) if share == 1 else math.inf
+                return SQPPoint(full, found.multipliers, forces, residual), error
         return None
 
     def _outcome(
@@ -165,9 +172,8 @@ class ControlSQP:
         message: str,
     ) -> Outcome:
         full = point.full
-        violation = self._qp.violation(window, full[condensed.x])
-        objective = condensed.objective(full)
-        return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+        violation = max(self._qp.violation(window, full[condensed.x]), point.residual)
+        return Outcome(full, condensed.objective(full), violation, iterations, message)
 
 
 def _report(
