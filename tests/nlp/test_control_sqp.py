@@ -108,6 +108,18 @@ def test_rods_that_find_no_equilibrium_are_not_called_feasible():
     assert outcome.infeasibility > 1.0
 
 
+def test_a_target_out_of_reach_hides_no_other():
+    """Which moves by 5 mm, for next to nothing of the objective."""
+    free = Weights(0.0, 0.0)
+    w = window_of(shortening([-0.1, 50.0]), weights=free)
+    first, _ = solved(w, packed(w, np.zeros((2, 4))))
+    moved = -0.1 - 0.005 / C
+    w = window_of(shortening([moved, 50.0]), weights=free)
+    outcome, _ = solved(w, first.full)
+    assert outcome.converged
+    np.testing.assert_allclose(C * w.controls_of(outcome.full)[0, 0], C * moved, atol=1e-3)
+
+
 def test_an_objective_of_zero_is_a_solution():
     """Nothing is asked of a trunk that has to move all the same: bounds do not allow its start."""
     motion = shortening([-0.1]).started(np.array([-0.2, -0.2, 0.0, 0.0])).limited(activation=0.1)

@@ -30,7 +30,7 @@ MAX_SETTLING = 8
 """Simplified Newton steps to equilibrium after a change of the controls."""
 MAX_RESIDUAL = 1.0
 """Beyond which simplified Newton steps are not worth trying."""
-SETTLED_TOL = 1e-7
+SETTLED_TOL = 1e-9
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
 

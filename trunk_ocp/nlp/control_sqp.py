@@ -35,8 +35,10 @@ MAX_HALVINGS = 6
 """Of a step that does not lower the objective, or after which rods find no equilibrium."""
 DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
-ACCURACY_TOL = 1e-3
-"""The minimum of a convex model is a solution: the model's error there, over the objective."""
+POSITION_TOL = 1e-3
+"""The same in m of one target's error: others that are out of reach must not hide it."""
+ROUND_OFF = 1e-10
+"""Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
 SUFFICIENT_DECREASE = 1e-4
 STOPPED = "Maximum_Iterations_Exceeded"
 RESERVE = 1.2
@@ -119,21 +121,13 @@ class ControlSQP:
             feasible = violation <= FEASIBILITY_TOL
             found = self._qp.solve(window, model, x)
             expected = _change(model, found.step)
-            if feasible and -expected <= DECREASE_TOL * abs(model.objective):
+            if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
             trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
             if trial is None:
                 break
-            point, error = trial
-            seconds = time.perf_counter() - began
-            if (
-                feasible
-                and found.convex
-                and error <= ACCURACY_TOL * condensed.objective(point.full)
-            ):
-                message = CONVERGED_STATUSES[0]
-                break
+            point, seconds = trial, time.perf_counter() - began
         outcome = self._outcome(condensed, window, point, iteration, message)
         records.solve_seconds += time.perf_counter() - start
         records.iterations += iteration
@@ -142,10 +136,8 @@ class ControlSQP:
 
     def _accepted(
         self, condensed: CondensedWindow, model: QuadraticModel, found: QPStep, expected: float
-    ) -> tuple[SQPPoint, float] | None:
+    ) -> SQPPoint | None:
         """The point after the largest share of a step that is accepted.
-
-        And the error of the model's objective there; infinite after a part of the step.
 
         expected : change of the objective by the model, which the step must achieve in part;
             infinite if the step restores bounds, so that any is accepted.
@@ -159,8 +151,7 @@ class ControlSQP:
             change = condensed.objective(full) - model.objective
             if change <= SUFFICIENT_DECREASE * share * expected:
                 forces = condensed.expected_forces(model, share * found.step)
-                error = abs(change - expected) if share == 1 else math.inf
-                return SQPPoint(full, found.multipliers, forces, residual), error
+                return SQPPoint(full, found.multipliers, forces, residual)
         return None
 
     def _outcome(
@@ -198,6 +189,12 @@ def _record(
         outcome.infeasibility,
         tuple(history),
     )
+
+
+def _negligible(objective: float) -> float:
+    """Decrease of an objective that is not worth an iteration."""
+    objective = abs(objective)
+    return max(min(DECREASE_TOL * objective, POSITION_TOL**2), ROUND_OFF * objective)
 
 
 def _change(model: QuadraticModel, step: np.ndarray) -> float:
