@@ -163,6 +163,10 @@ def test_motions_of_other_layouts_differ():
     assert layout_of(motion) == layout_of(motion.shifted((0.1, 0.0, 0.0)))
     assert layout_of(motion) != layout_of(first_steps("lift-log", 3))
     assert layout_of(shipped("lift-log-hung")) != layout_of(shipped("lift-log-asymmetric"))
+    alike = motion.spec.weights.model_copy(update={"symmetric": True})
+    motion = first_steps("lift-log", 1)
+    symmetric = motion.with_spec(motion.spec.model_copy(update={"weights": alike}))
+    assert layout_of(motion) != layout_of(symmetric)
 
 
 def test_a_rod_on_which_errors_grow_too_much_is_refused(monkeypatch):

@@ -30,7 +30,7 @@ MAX_SETTLING = 8
 """Simplified Newton steps to equilibrium after a change of the controls."""
 MAX_RESIDUAL = 1.0
 """Beyond which simplified Newton steps are not worth trying."""
-SETTLED_TOL = 1e-7
+SETTLED_TOL = 1e-8
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
 
@@ -95,7 +95,7 @@ def layout_of(motion: Motion) -> Hashable:
         pull = None if step.pull is None else step.pull[1]
         limited = step.change.limited.tobytes()
         steps.append((step.duration, targets, pull, is_hung(step.loads), limited))
-    return motion.extension, tuple(steps)
+    return motion.extension, motion.spec.weights.symmetric, tuple(steps)
 
 
 def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
@@ -230,6 +230,7 @@ class CondensedWindow:
     def _equations(self, full: np.ndarray) -> RodEquationsAt:
         """The rods' equations at a decision vector, in which explicit variables are updated."""
         L, trunk = self._length, self._trunk
+        full[self.window.previous] = self.window.before
         x = full[self.x]
         strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
         full[self._strain] = strain

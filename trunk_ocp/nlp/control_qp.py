@@ -104,7 +104,7 @@ class ControlQP:
         blocks = model.blocks
         if not _is_convex(blocks, model.links):
             blocks = _made_convex(blocks, model.links)
-        scale = 1 / np.abs(blocks).max()
+        scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..reporting import Progress, Reporter
 from .condensed_rods import IllConditionedError
-from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
+from .condensed_window import CondensedWindow, QuadraticModel
 from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
 from .ipopt import Optimizer
 from .outcome import (
@@ -38,6 +38,10 @@ MAX_CORRECTIONS = 2
 """Second-order corrections of a step."""
 DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
+POSITION_TOL = 1e-3
+"""The same in m of one target's error: others that are out of reach must not hide it."""
+ROUND_OFF = 1e-9
+"""Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
 SUFFICIENT_DECREASE = 1e-4
 ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
 STUCK = "Error_In_Step_Computation"
@@ -57,11 +61,14 @@ class SQPPoint:
         Of the equations of held directions.
     forces : (variables,) or None
         As in `CondensedWindow.model`.
+    residual : float
+        Of the equations at `full`, for the window that it was found for.
     """
 
     full: np.ndarray
     multipliers: np.ndarray
     forces: np.ndarray | None = None
+    residual: float = math.inf
 
 
 class ControlSQP:
@@ -103,14 +110,16 @@ class ControlSQP:
         message, seconds = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK, 0.0
         while len(history) < most:
             began = time.perf_counter()
-            if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
+            if seconds and (reporter.stop or began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
                 break
             try:
                 model = condensed.model(point.full, point.multipliers, point.forces)
                 records.derivative_seconds += time.perf_counter() - began
                 x = model.full[condensed.x]
-                violation = max(self._qp.violation(window, x), model.rods.residual)
+                held = float(np.abs(model.held_rest).max(initial=0.0))
+                point = replace(point, full=model.full, residual=max(model.rods.residual, held))
+                violation = max(self._qp.violation(window, x), point.residual)
                 _report(window, reporter, model.full, len(history), violation)
                 history.append((model.objective, violation, math.nan))
                 found = self._qp.solve(window, model, x)
@@ -118,7 +127,7 @@ class ControlSQP:
                 message = INFEASIBLE if isinstance(failure, InfeasibleQPError) else STUCK
                 break
             feasible, expected = violation <= FEASIBILITY_TOL, _change(model, found.step)
-            if feasible and -expected <= DECREASE_TOL * abs(model.objective):
+            if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
             asked = expected if feasible else math.inf
@@ -155,7 +164,7 @@ class ControlSQP:
             most = model.objective + SUFFICIENT_DECREASE * share * expected
             if condensed.objective(full) <= most:
                 forces = condensed.expected_forces(model, share * found.step)
-                return SQPPoint(full, found.multipliers, forces)
+                return SQPPoint(full, found.multipliers, forces, residual)
             if share == 1 and (point := self._corrected(condensed, window, model, full, most)):
                 return point
         return None
@@ -183,7 +192,7 @@ class ControlSQP:
                 return None
             if condensed.objective(full) <= most:
                 forces = condensed.expected_forces(again, found.step)
-                return SQPPoint(full, found.multipliers, forces)
+                return SQPPoint(full, found.multipliers, forces, residual)
         return None
 
     def _outcome(
@@ -195,9 +204,8 @@ class ControlSQP:
         message: str,
     ) -> Outcome:
         full = point.full
-        violation = self._qp.violation(window, full[condensed.x])
-        objective = condensed.objective(full)
-        return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+        violation = max(self._qp.violation(window, full[condensed.x]), point.residual)
+        return Outcome(full, condensed.objective(full), violation, iterations, message)
 
 
 def _report(
@@ -222,6 +230,12 @@ def _record(
         outcome.infeasibility,
         tuple(history),
     )
+
+
+def _negligible(objective: float) -> float:
+    """Decrease of an objective that is not worth an iteration."""
+    objective = abs(objective)
+    return max(min(DECREASE_TOL * objective, POSITION_TOL**2), ROUND_OFF * objective)
 
 
 def _change(model: QuadraticModel, step: np.ndarray) -> float:

@@ -22,7 +22,7 @@ from ..nlp.condensed_window import can_condense, layout_of
 from ..nlp.control_sqp import ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
-from ..nlp.outcome import Outcome
+from ..nlp.outcome import FEASIBILITY_TOL, Outcome
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -164,7 +164,8 @@ class Replanner:
         state = DecidedSteps()
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
-        plan = run.plan(state, settled=self._newest.multipliers is None)
+        settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
+        plan = run.plan(state, settled=settled)
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
