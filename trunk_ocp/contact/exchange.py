@@ -49,6 +49,8 @@ class Exchange:
         Rows of each time step, from 0.
     extra : dict
         Additional gap in m by (time step, body), because of what happens between steps.
+    short : dict
+        By how much gaps for which `add` last added rows are too small, in m by (time step, body).
     places : (n,), optional
         Where rows may be, m from the base; pairs at every second place. By default where the
         check looks.
@@ -58,6 +60,7 @@ class Exchange:
     rows: dict[int, tuple[GapRow, ...]] = field(default_factory=dict)
     extra: dict[tuple[int, str], float] = field(default_factory=dict)
     places: np.ndarray | None = None
+    short: dict[tuple[int, str], float] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -66,7 +69,7 @@ class Exchange:
 
     def add(self, x: np.ndarray, shape: Shape) -> int:
         """Add rows where planned shapes (H,) are too close to a body; returns how many."""
-        trunk, before = self.motion.trunk, self.count
+        trunk, before, self.short = self.motion.trunk, self.count, {}
         places = section_points(self.motion) if self.places is None else self.places
         discs = tube(trunk, shape, places)
         seen = {f: seen_by(trunk, discs, f, x[:, -2:]) for f in ("space", "head")}
@@ -102,10 +105,12 @@ class Exchange:
         Returns the time steps (from 0) that these ways lead to.
         """
         missing: dict[tuple[int, str], float] = {}
-        small = self.too_small(gaps)
+        small, at_steps = self.too_small(gaps), dict(self.short)
         for gap, short in small:
-            for t in {max(gap.step - 1, 0), gap.step}:
-                missing[t, gap.body] = max(missing.get((t, gap.body), 0.0), short)
+            steps = {max(gap.step - 1, 0), gap.step}
+            known = max(at_steps.get((t, gap.body), 0.0) for t in steps)  # new rows see to it
+            for t in steps:
+                missing[t, gap.body] = max(missing.get((t, gap.body), 0.0), short - known)
                 self._add_at(t, gap)
         for key, short in missing.items():
             self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * short
@@ -151,7 +156,8 @@ class Exchange:
         for low, high in _runs(inside):
             count = int((Z[high] - Z[low]) / (SPACING * trunk.length))
             places += np.linspace(Z[low], Z[high], count + 2)[1:-1].tolist()
-        self._append(t, [self._row(t, Z, solid, None) for Z in places])
+        rows = [self._row(t, Z, solid, None) for Z in places]
+        self._append(t, rows, -float(gaps.min()))
 
     def _add_pairs(self, t: int, discs: Tube) -> None:
         """Add minima of the gap between two parts of the trunk."""
@@ -162,14 +168,15 @@ class Exchange:
         deep = np.argwhere(_minima_2d(gaps) & (gaps < -STEP_TOL * self.motion.trunk.length))
         deepest = deep[np.argsort(gaps[tuple(deep.T)])][:MAX_PAIRS]
         pairs = [(float(discs.Z[i]), float(discs.Z[j])) for i, j in deepest]
-        self._append(t, [self._row(t, i, None, j) for i, j in pairs])
+        self._append(t, [self._row(t, i, None, j) for i, j in pairs], -float(gaps.min()))
 
-    def _append(self, t: int, rows: Sequence[GapRow]) -> None:
+    def _append(self, t: int, rows: Sequence[GapRow], short: float = 0.0) -> None:
         """Add rows that are not beside one of the same body that is there already."""
         known = list(self.rows.get(t, ()))
         for row in rows:
             if all(_distance(row, other, self.motion.trunk) > NEAREST for other in known):
                 known.append(row)
+                self.short[t, row.body] = short
         if known:
             self.rows[t] = tuple(known)
 

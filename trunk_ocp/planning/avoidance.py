@@ -26,6 +26,9 @@ MAX_INSERTIONS = 2
 DETOUR, LEAST_ACTIVATION, LEAST_TURN = 2.0, 0.1, 0.05
 """Largest change on the way to a time step, over that of the plan without detour; and what is
 allowed at least: activation, and rad of a head angle."""
+NEARLY_CLEAR = 1e-3
+"""Collision at time steps with which gaps between them are looked at, too, over the trunk's length;
+1.75 mm for the elephant."""
 MAX_TIGHTENINGS = 8
 """How often gaps are widened."""
 MAX_TIGHTENING = 5e-3
@@ -71,19 +74,20 @@ def _exchanged(
     stuck : bodies that the trunk is in at rest, which no plan can change.
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
-    limit = MAX_TIGHTENING * run.motion.trunk.length
+    limit, nearly = (x * run.motion.trunk.length for x in (MAX_TIGHTENING, NEARLY_CLEAR))
     clear_at_steps, tightenings = None, 0
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
-        if exchange.add(plan.x, plan.shape):
+        added = exchange.add(plan.x, plan.shape)
+        if added:
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
-        else:
+        if max(exchange.short.values(), default=0.0) <= nearly:
             between = [g for g in plan.gaps_between if g.step or g.body not in stuck]
-            if not exchange.too_small(between):  # then as the independent check will see them
+            if not exchange.too_small(between) and not added:  # then as the check sees them
                 between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
-            if deep:
+            if deep and not added:
                 return plan, deep
             tightenings += 1
             ways = exchange.tighten(between) if tightenings <= MAX_TIGHTENINGS else []
@@ -95,7 +99,7 @@ def _exchanged(
                 refinements += 1
                 mesh = finer_mesh(run.motion, mesh)
                 reporter.note(TOO_COARSE.format(mesh.elements))
-            else:
+            elif not added:
                 break
         next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
         near = plan.shape if plan.mesh == mesh else plan.shape.on(mesh)

@@ -22,7 +22,7 @@ from ..contact.exchange import Exchange
 from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
-from ..nlp.ipopt_options import CONTACT_OPTIONS, ROUGH_OPTIONS
+from ..nlp.ipopt_options import AGAIN_OPTIONS, CONTACT_OPTIONS, ROUGH_OPTIONS
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -95,7 +95,7 @@ def plan_motion(
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
-    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, solves=[], _ready={})
+    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, warm=AGAIN_OPTIONS, solves=[], _ready={})
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)

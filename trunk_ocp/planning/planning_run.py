@@ -16,6 +16,7 @@ from ..model.loads import Loads, vector
 from ..nlp.gap_rows import GapRow
 from ..nlp.ipopt import Optimizer
 from ..nlp.outcome import CONVERGED_STATUSES, FEASIBILITY_TOL, Outcome, rank
+from ..nlp.warm_start import Multipliers, as_start, multipliers_of
 from ..nlp.window import Window
 from ..problem.motion import Bounds, Motion, Step, allowed
 from ..rod.collocation import Mesh
@@ -62,6 +63,7 @@ class PlanningRun:
     guess: np.ndarray | None = None
     gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
     near: Shape | None = None
+    multipliers: dict[int, Multipliers] = field(default_factory=dict)
 
     @property
     def controls(self) -> int:
@@ -164,7 +166,12 @@ class PlanningRun:
             reached = best is not None and converged and window.reached(best.full)
             if number >= self.options.starts and (reached or number > 1):
                 break
-            outcome = self._solve(window, x, f"{detail}, from the {label}")
+            if number == 0 and self.near is not None and first in self.multipliers:
+                full = window.pack(x, self.near[first:last])
+                lam = as_start(window, self.multipliers[first])
+                outcome = self.optimizer.solve(window, full, self.mode, f"{detail}, warm", lam)
+            else:
+                outcome = self._solve(window, x, f"{detail}, from the {label}")
             converged |= outcome.converged
             if best is None or rank(outcome) < rank(best):
                 best = outcome
@@ -172,6 +179,8 @@ class PlanningRun:
                 break
         if best is None:
             raise AssertionError("every window has a start")
+        if best.multipliers:
+            self.multipliers[first] = multipliers_of(window, best)
         # A start that no solve improves on counts as converged once some solve has converged.
         return window, replace(best, message=CONVERGED_STATUSES[0]) if converged else best
 
