@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._support.wording import step_list
-from ..contact.exchange import Exchange
+from ..contact.exchange import MARGIN, Exchange
 from ..contact.gaps import Gap
 from ..contact.obstructions import obstructions, stuck_at_rest
 from ..errors import InputError
@@ -43,7 +43,8 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
-    exchange = Exchange(run.motion, dict(run.gaps))
+    margin = MARGIN * run.motion.trunk.length
+    exchange = Exchange(run.motion, dict(run.gaps), margin=margin)
     stuck = {gap.body for gap in stuck_at_rest(run.motion)}
     most = 0 if obstructions(run.motion) else MAX_INSERTIONS
     for insertions in range(most + 1):
@@ -55,7 +56,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         run.optimizer.reporter.note(
             f"Planning again with {count} time steps instead of {before}, to get around bodies."
         )
-        exchange = Exchange(motion)
+        exchange = Exchange(motion, margin=margin)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
         again = replace(run, start=None, checkpoint=None, gaps={})
         run = replace(again, motion=motion, lookahead=count, guess=guess, near=None)

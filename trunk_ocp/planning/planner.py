@@ -18,7 +18,7 @@ import numpy as np
 from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
-from ..contact.exchange import Exchange
+from ..contact.exchange import MARGIN, Exchange
 from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
@@ -108,7 +108,7 @@ def plan_motion(
         start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
     if motion.contact and start is not None and start.converged:
-        seed = Exchange(motion)  # saves a horizon without gaps
+        seed = Exchange(motion, margin=MARGIN * motion.trunk.length)  # saves a horizon without gaps
         seed.add(start.x, start.shape)
         run = replace(run, gaps=seed.rows, optimizer=avoiding if seed.count else optimizer)
     if run.stopped and start is not None:
