@@ -59,9 +59,7 @@ def gaps_between_steps(
         large enough.
     """
     moving = [
-        t
-        for t in range(len(x))
-        if motion.phases[motion.steps[t].phase].interpolation != "none"
+        t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
     ]
     parts = [moving[i : i + AT_ONCE] for i in range(0, len(moving), AT_ONCE)]
     return [
@@ -71,9 +69,7 @@ def gaps_between_steps(
     ]
 
 
-def _gaps_on_ways(
-    samples: _Samples, ways: Sequence[int], precise: Collection[str]
-) -> list[Gap]:
+def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: Collection[str]) -> list[Gap]:
     """Gaps on the way to some time steps (from 0)."""
     motion = samples.motion
     times = np.append(0.0, motion.times)
@@ -215,7 +211,9 @@ def _look(
             if body.solid is None
             else nearest_to_solid(body.solid, known[key])
         )
-        body.update(_Cells(quarters, np.tile(cells.steps[chosen], 4)), found, samples.motion.trunk.length)
+        body.update(
+            _Cells(quarters, np.tile(cells.steps[chosen], 4)), found, samples.motion.trunk.length
+        )
 
 
 def _observer(solid: Solid | None) -> str:

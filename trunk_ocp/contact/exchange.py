@@ -33,8 +33,8 @@ BRACKET = 0.015
 """Distance of further rows on both sides of a minimum, over L: it moves as the plan changes."""
 NEAREST = 0.0015
 """Smallest distance of rows of one body along the trunk, over L."""
-MARGIN = float(__import__('os').environ.get('MARGIN','5e-5'))
-"""Of the rows of a plan, over L; 0.07 mm for the elephant. Without, most plans are made again for a
+MARGIN = 5e-5
+"""Of the rows of a plan, over L; 0.09 mm for the elephant. Without, most plans are made again for a
 collision of this size."""
 OVERSHOOT = 1.5
 """Tightening over what is missing, which saves a plan: other steps move a little, too."""

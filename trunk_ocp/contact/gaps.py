@@ -20,7 +20,7 @@ STRIDES = (16, 8, 4, 2, 1)
 """Sections to a piece, from coarse to fine."""
 FAR_ENDS = np.array([0, 1])
 """From the first discs of a pair of pieces to those that are farthest apart."""
-ACCURACY, FAR_ACCURACY = 3e-5, 0.05
+ACCURACY, FAR_ACCURACY = 3e-5, 0.1
 """Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of gaps from bodies
 far away, as a share of the gap."""
 

@@ -36,8 +36,12 @@ WARM_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
     "warm_start_mult_bound_push": 1e-9,
 }
 # A plan that has to leave a body starts outside the bounds on its gaps. A larger barrier parameter
-# takes half the iterations of the small one above, to the same optima.
-CONTACT_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {"mu_init": 1e-3}
+# and pushes take half the iterations of the small ones above, to the same optima.
+CONTACT_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
+    "mu_init": 1e-3,
+    "bound_push": 1e-3,
+    "bound_frac": 1e-3,
+}
 # A plan made again with a few more gaps, or wider ones, starts from the multipliers of the plan
 # before. Pushes as small as those of a re-plan leave new rows ill-conditioned: twice the iterations.
 AGAIN_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
