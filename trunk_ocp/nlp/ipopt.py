@@ -80,7 +80,7 @@ class Optimizer:
         start: np.ndarray,
         stage: str,
         detail: str,
-        multipliers: dict[str, ca.DM] | None = None,
+        multipliers: Mapping[str, ca.DM | np.ndarray] | None = None,
         return_last: bool = False,
     ) -> Outcome:
         """Minimize from a start vector; lack of convergence is reported, not raised.

@@ -43,7 +43,7 @@ CONTACT_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
     "bound_frac": 1e-3,
 }
 # A plan made again with a few more gaps, or wider ones, starts from the multipliers of the plan
-# before. Pushes as small as those of a re-plan leave new rows ill-conditioned: twice the iterations.
+# before. With pushes as small as those of a re-plan, new rows take up to twice the iterations.
 AGAIN_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
     "warm_start_init_point": "yes",
     "warm_start_bound_push": 1e-5,

@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
+from ..rod.collocation import Mesh
 from .options import REFINEMENTS, TOO_COARSE, finer_mesh
 from .plan import Plan
 from .planning_run import PlanningRun
@@ -58,7 +59,7 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         )
         exchange = Exchange(motion, margin=margin)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
-        again = replace(run, start=None, checkpoint=None, gaps={})
+        again = replace(run, start=None, checkpoint=None, gaps={}, multipliers={})
         run = replace(again, motion=motion, lookahead=count, guess=guess, near=None)
         finer = run.run()
         if not finer.converged and not finer.cut_short:
@@ -76,7 +77,7 @@ def _exchanged(
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
     limit, nearly = (x * run.motion.trunk.length for x in (MAX_TIGHTENING, NEARLY_CLEAR))
-    clear_at_steps, tightenings = None, 0
+    nearly_clear, tightenings = None, 0
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
@@ -84,16 +85,14 @@ def _exchanged(
         if added:
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         if max(exchange.short.values(), default=0.0) <= nearly:
-            between = [g for g in plan.gaps_between if g.step or g.body not in stuck]
-            if not exchange.too_small(between) and not added:  # then as the check sees them
-                between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
+            between = _between(plan, exchange, stuck, settled=not added)
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep and not added:
                 return plan, deep
             tightenings += 1
             ways = exchange.tighten(between) if tightenings <= MAX_TIGHTENINGS else []
             if ways:
-                clear_at_steps = clear_at_steps or plan
+                nearly_clear = nearly_clear or plan
                 steps = step_list([step + 1 for step in ways])
                 reporter.note(f"Planning again with wider gaps, to keep clear before {steps}.")
             elif plan.verification.too_coarse and refinements < REFINEMENTS:
@@ -102,14 +101,34 @@ def _exchanged(
                 reporter.note(TOO_COARSE.format(mesh.elements))
             elif not added:
                 break
-        next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
-        near = plan.shape if plan.mesh == mesh else plan.shape.on(mesh)
-        again = replace(next_run, guess=plan.x, near=near).run()
-        if clear_at_steps is not None and not again.converged and not again.cut_short:
+        again = _with_rows(plan, run, exchange, mesh)
+        if nearly_clear is not None and not again.converged and not again.cut_short:
             wanted = "no plan was found with wider gaps, to keep clear between time steps"
-            return _with_reason(clear_at_steps, run, wanted), []
+            return _with_reason(nearly_clear, run, wanted), []
         plan = again
     return plan, []
+
+
+def _between(plan: Plan, exchange: Exchange, stuck: Collection[str], settled: bool) -> list[Gap]:
+    """Gaps between time steps that the plan may change.
+
+    settled : whether all gaps at time steps are kept. If those between them are as well, lower
+        bounds are as the independent check sees them.
+    """
+    between = [gap for gap in plan.gaps_between if gap.step or gap.body not in stuck]
+    if settled and not exchange.too_small(between):
+        between = [gap for gap in plan.clearance.between if gap.step or gap.body not in stuck]
+    return between
+
+
+def _with_rows(plan: Plan, run: PlanningRun, exchange: Exchange, mesh: Mesh) -> Plan:
+    """The plan made again on a mesh, with all rows known so far."""
+    near = plan.shape
+    if plan.mesh != mesh:
+        near = near.on(mesh)
+        run.multipliers.clear()
+    kept = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
+    return replace(kept, guess=plan.x, near=near).run()
 
 
 def _with_reason(plan: Plan, run: PlanningRun, failure: str) -> Plan:
