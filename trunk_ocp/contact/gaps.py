@@ -20,9 +20,11 @@ STRIDES = (16, 8, 4, 2, 1)
 """Sections to a piece, from coarse to fine."""
 FAR_ENDS = np.array([0, 1])
 """From the first discs of a pair of pieces to those that are farthest apart."""
-ACCURACY, FAR_ACCURACY = 3e-5, 0.1
-"""Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of gaps from bodies
-far away, as a share of the gap."""
+ACCURACY, NEAR_ACCURACY, FAR_ACCURACY = 3e-5, 0.05, 0.5
+"""Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of larger gaps, as
+a share of the gap; and of gaps above `FAR`, as a share of what is above it."""
+FAR = 0.02
+"""A gap that no plan is about to lose, over the trunk's length."""
 
 
 @dataclass(frozen=True)
@@ -297,7 +299,8 @@ class _Search:
                 self._closer(discs, pieces, cells.times[k], stride, best)
             bounds = self.bounds(tubes, errors, pieces)
             known = np.where(np.isfinite(best.gap), best.gap, 0.0)
-            tolerance = np.maximum(accuracy, FAR_ACCURACY * known)
+            far = FAR_ACCURACY * (known - FAR * cells.first.Z[-1])
+            tolerance = np.maximum.reduce([far, NEAR_ACCURACY * known, accuracy + 0 * known])
             unsettled = bounds < (best.gap - tolerance)[:, None]
             if not finer:
                 unsettled[:] = False
