@@ -293,20 +293,24 @@ class _Search:
             np.full((count, 2), np.nan),
             np.full(count, np.inf),
         )
+        active = np.arange(count)  # cells that still have unsettled pieces
         for stride, finer in zip(STRIDES, (*STRIDES[1:], 0), strict=True):
             tubes, errors = cells.level(stride)
+            if active.size < count:
+                tubes, errors = [discs[active] for discs in tubes], errors[active]
             for k, discs in enumerate(tubes):
-                self._closer(discs, pieces, cells.times[k], stride, best)
-            bounds = self.bounds(tubes, errors, pieces)
-            known = np.where(np.isfinite(best.gap), best.gap, 0.0)
+                self._closer(discs, pieces, cells.times[k], stride, best, active)
+            bounds, gap = self.bounds(tubes, errors, pieces), best.gap[active]
+            known = np.where(np.isfinite(gap), gap, 0.0)
             far = FAR_ACCURACY * (known - FAR * cells.first.Z[-1])
-            tolerance = np.maximum.reduce([far, NEAR_ACCURACY * known, accuracy + 0 * known])
-            unsettled = bounds < (best.gap - tolerance)[:, None]
+            tolerance = np.maximum(np.maximum(far, NEAR_ACCURACY * known), accuracy)
+            unsettled = bounds < (gap - tolerance)[:, None]
             if not finer:
                 unsettled[:] = False
             settled = np.where(unsettled, np.inf, bounds).min(axis=1, initial=np.inf)
-            np.minimum(best.bound, settled, out=best.bound)
+            best.bound[active] = np.minimum(best.bound[active], settled)
             pieces = pieces[np.any(unsettled, axis=0)]
+            active = active[np.any(unsettled, axis=1)]
             if not len(pieces):
                 break
             pieces = self.divide(pieces, stride // finer, finer)
@@ -314,12 +318,19 @@ class _Search:
         return best
 
     def _closer(
-        self, discs: Tube, pieces: np.ndarray, times: np.ndarray, stride: int, best: Nearest
+        self,
+        discs: Tube,
+        pieces: np.ndarray,
+        times: np.ndarray,
+        stride: int,
+        best: Nearest,
+        cells: np.ndarray,
     ) -> None:
-        """Update the smallest gaps, and when and where they are."""
+        """Update the smallest gaps of some cells, and when and where they are."""
         gaps, places = self.at_discs(discs, pieces, stride)
         nearest = gaps.argmin(axis=1)
         value = gaps[np.arange(len(gaps)), nearest]
-        closer = value < best.gap
-        best.gap[closer], best.time[closer] = value[closer], times[closer]
-        best.places[closer, : places.shape[1]] = places[nearest[closer]]
+        closer = value < best.gap[cells]
+        to = cells[closer]
+        best.gap[to], best.time[to] = value[closer], times[to]
+        best.places[to, : places.shape[1]] = places[nearest[closer]]
