@@ -114,8 +114,10 @@ def plan_motion(
     if run.stopped and start is not None:
         plan = _start_as_plan(start, run)
     else:
-        plan = _refined(run.run(), run)
-        if motion.contact:
+        plan = run.run()
+        if not motion.contact:
+            plan = _refined(plan, run)
+        else:  # looks at the mesh once gaps are kept
             plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
             if run.stopped and plan.collisions:
                 plan = _stopped(plan, run)
