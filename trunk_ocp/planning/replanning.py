@@ -156,7 +156,10 @@ class Replanner:
         solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
         window = self._window_of(motion)
         if advance:
-            self._newest = _Point(window.advanced(self._newest.full, advance))
+            same = self._newest is self._reached
+            self._reached = _Point(window.advanced(self._reached.full, advance))
+            newest = window.advanced(self._newest.full, advance)
+            self._newest = self._reached if same else _Point(newest)
         self._newest, outcome = self._by_any(window, ends)
         if outcome.converged and window.reached(outcome.full):
             self._reached = self._newest
