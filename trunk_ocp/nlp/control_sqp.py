@@ -16,7 +16,7 @@ import numpy as np
 
 from ..reporting import Progress, Reporter
 from .condensed_window import CondensedWindow, QuadraticModel
-from .control_qp import ControlQP, QPStep
+from .control_qp import ControlQP, QPError, QPStep
 from .ipopt import Optimizer
 from .outcome import (
     CONVERGED_STATUSES,
@@ -41,6 +41,8 @@ ROUND_OFF = 1e-10
 """Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
 SUFFICIENT_DECREASE = 1e-4
 STOPPED = "Maximum_Iterations_Exceeded"
+IPOPT_SECONDS = 0.5
+"""Before the deadline, in s, when a solve that fails counts as late: Ipopt needs as long to begin."""
 RESERVE = 1.2
 """Time that must be left for another iteration, over that of the last one."""
 
@@ -120,13 +122,21 @@ class ControlSQP:
             history.append((model.objective, violation, math.nan))
             _report(window, reporter, model.full, iteration - 1, violation)
             feasible = violation <= FEASIBILITY_TOL
-            found = self._qp.solve(window, model, x)
+            try:
+                found = self._qp.solve(window, model, x)
+            except QPError:
+                if deadline - time.perf_counter() > IPOPT_SECONDS:
+                    raise
+                message = DEADLINE_PASSED
+                break
             expected = _change(model, found.step)
             if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
             trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
             if trial is None:
+                if deadline - time.perf_counter() <= IPOPT_SECONDS:
+                    message = DEADLINE_PASSED
                 break
             point, seconds = trial, time.perf_counter() - began
         outcome = self._outcome(condensed, window, point, iteration, message)

@@ -167,7 +167,7 @@ class Replanner:
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
         settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
-        plan = run.plan(state, settled=settled)
+        plan = run.plan(state, settled=settled or outcome.late)  # equilibria may take seconds
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
