@@ -141,6 +141,18 @@ def test_settled_rods_are_in_equilibrium_and_objectives_are_the_nlps():
     )
 
 
+def test_steps_that_moved_on_are_updated_to_the_plan_of_later_controls():
+    """Poses at targets, the held direction, the pull and the start, which follow from others."""
+    motion = first_steps("pick-fruit", 1)
+    phase = motion.spec.phases[0].model_copy(update={"steps": 3})
+    motion = motion.with_spec(motion.spec.model_copy(update={"phases": (phase,)}))
+    x = -0.1 * np.arange(1, 4)[:, None] * np.random.default_rng(7).random((3, 30))
+    old, w = window_of(motion), window_of(motion.started(x[0]))
+    moved = CondensedWindow(w).updated(w.advanced(old.pack(x, in_equilibrium(old, x)[0]), 1))
+    later = x[[1, 2, 2]]
+    np.testing.assert_allclose(moved, w.pack(later, in_equilibrium(w, later)[0]), atol=1e-6)
+
+
 def test_a_window_of_other_numbers_is_the_window_built_for_them():
     first = first_steps("pick-fruit", 3)
     moved = first.shifted((0.01, -0.02, 0.03)).started(np.full(30, 0.01)).limited(activation=2.0)

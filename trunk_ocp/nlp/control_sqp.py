@@ -103,6 +103,7 @@ class ControlSQP:
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
+        starts = [replace(start, full=condensed.updated(start.full)) for start in starts]
         point = min(starts, key=lambda start: condensed.objective(start.full))
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()

@@ -157,7 +157,10 @@ class Replanner:
         solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
         window = self._window_of(motion)
         if advance:
-            self._newest = _Point(window.advanced(self._newest.full, advance))
+            same = self._newest is self._reached
+            self._reached = _Point(window.advanced(self._reached.full, advance))
+            newest = window.advanced(self._newest.full, advance)
+            self._newest = self._reached if same else _Point(newest)
         self._newest, outcome = self._by_any(window, ends)
         if outcome.converged and window.reached(outcome.full):
             self._reached = self._newest
@@ -165,7 +168,7 @@ class Replanner:
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
         settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
-        plan = run.plan(state, settled=settled)
+        plan = run.plan(state, settled=settled or outcome.late)  # equilibria may take seconds
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
