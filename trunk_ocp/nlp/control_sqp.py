@@ -42,7 +42,7 @@ ROUND_OFF = 1e-10
 SUFFICIENT_DECREASE = 1e-4
 STOPPED = "Maximum_Iterations_Exceeded"
 IPOPT_SECONDS = 0.5
-"""Before the deadline, in s, when a solve that fails counts as late: Ipopt needs as long to begin."""
+"""A solve that fails so long before its deadline is late: Ipopt needs this time to begin."""
 RESERVE = 1.2
 """Time that must be left for another iteration, over that of the last one."""
 
@@ -105,10 +105,10 @@ class ControlSQP:
         condensed, reporter = self._condensed.renumbered(window), records.reporter
         starts = [replace(start, full=condensed.updated(start.full)) for start in starts]
         point = min(starts, key=lambda start: condensed.objective(start.full))
-        message, iteration, seconds = STOPPED, 0, 0.0
+        message, seconds = STOPPED, 0.0
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
-        for iteration in range(1, min(MAX_ITERATIONS, records.max_iterations) + 1):
+        for iteration in range(min(MAX_ITERATIONS, records.max_iterations)):
             began = time.perf_counter()
             if seconds and (reporter.stop or began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
@@ -120,7 +120,7 @@ class ControlSQP:
             point = replace(point, full=model.full, residual=max(model.rods.residual, held))
             violation = max(self._qp.violation(window, x), point.residual)
             history.append((model.objective, violation, math.nan))
-            _report(window, reporter, model.full, iteration - 1, violation)
+            _report(window, reporter, model.full, iteration, violation)
             feasible = violation <= FEASIBILITY_TOL
             try:
                 found = self._qp.solve(window, model, x)
@@ -139,9 +139,9 @@ class ControlSQP:
                     message = DEADLINE_PASSED
                 break
             point, seconds = trial, time.perf_counter() - began
-        outcome = self._outcome(condensed, window, point, iteration, message)
+        outcome = self._outcome(condensed, window, point, len(history), message)
         records.solve_seconds += time.perf_counter() - start
-        records.iterations += iteration
+        records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
 
