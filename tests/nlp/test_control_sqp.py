@@ -83,6 +83,7 @@ def test_a_deadline_in_the_past_still_allows_one_iteration():
     outcome, _ = solved(w, full, deadline=time.perf_counter())
     one, _ = solved(w, full, max_iterations=1)
     assert outcome.late
+    assert outcome.iterations == one.iterations == 1
     np.testing.assert_array_equal(outcome.full, one.full)
 
 

@@ -12,6 +12,8 @@ from scipy.linalg import LinAlgError, cholesky_banded
 from .condensed_window import CondensedWindow, QuadraticModel
 from .window import Window
 
+ACTIVE_TOL = 1e-6
+"""Distance of a control from a bound that holds."""
 QP_TOL = 1e-9
 """Largest violation of a row, and of stationarity relative to the Hessian's largest entry."""
 
@@ -102,14 +104,16 @@ class ControlQP:
         InfeasibleQPError, QPError
         """
         blocks = model.blocks
+        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         if not _is_convex(blocks, model.links):
-            blocks = _made_convex(blocks, model.links)
+            blocks = _stiffened(blocks, _pressed(model.gradient, lower, upper, x.shape))
+            if not _is_convex(blocks, model.links):
+                blocks = _made_convex(blocks, model.links)
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)
         n = model.gradient.size
-        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL
@@ -146,6 +150,26 @@ def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
     except LinAlgError:
         return False
     return True
+
+
+def _pressed(
+    gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
+    """Which controls (H, controls) are at a bound that the gradient pushes them against."""
+    pressed = ((lower > -ACTIVE_TOL) & (gradient > 0)) | ((upper < ACTIVE_TOL) & (gradient < 0))
+    return pressed[: shape[0] * shape[1]].reshape(shape)
+
+
+def _stiffened(blocks: np.ndarray, pressed: np.ndarray) -> np.ndarray:
+    """The blocks with curvature across bounds that hold, which changes no step along them.
+
+    The Hessian is often indefinite only across such bounds; curvatures made positive would also
+    change steps along them, and convergence would be slow.
+    """
+    diagonal = np.arange(pressed.shape[1])
+    stiffened = blocks.copy()
+    stiffened[:, diagonal, diagonal] += np.abs(blocks).max() * pressed
+    return stiffened
 
 
 def _made_convex(blocks: np.ndarray, links: np.ndarray) -> np.ndarray:

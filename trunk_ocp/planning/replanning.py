@@ -103,8 +103,8 @@ class Replanner:
 
         Threads take turns. Each re-plan starts from the newest one, or the last one that reached
         its targets, whichever is better now. One that runs out of time or iterations returns its
-        newest iterate, whose rods are in equilibrium and within bounds, with status TIME_LIMIT or
-        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Where SQP fails,
+        newest iterate, with status TIME_LIMIT or ITERATION_LIMIT; the last of `solves` has its objective
+        and infeasibility, which is below 1e-6 after an iteration that succeeded. Where SQP fails,
         Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin.
 
         Gaps from bodies are kept where the plan of the constructor keeps them; a plan that comes
@@ -113,7 +113,9 @@ class Replanner:
         Parameters
         ----------
         motion
-            May differ in every number: targets, loads, stiffness, density, bounds, weights.
+            May differ in numbers: targets, loads, stiffness, density, bounds, weights. Durations,
+            bounds on extension, the start of contact, and which controls have bounds on change are
+            structure; so is a direction's weight that becomes 0.
         throw, deadline, check
             As in `plan_motion`. An iteration that would pass the deadline is not begun, except for
             the first.
@@ -168,7 +170,8 @@ class Replanner:
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
         settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
-        plan = run.plan(state, settled=settled or outcome.late)  # equilibria may take seconds
+        # To solve for equilibria that are not there may take seconds.
+        plan = run.plan(state, settled=settled or math.isfinite(ends))
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
