@@ -103,12 +103,8 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        blocks = model.blocks
         lower, upper, rows_lower, rows_upper = self.bounds(window, x)
-        if not _is_convex(blocks, model.links):
-            blocks = _stiffened(blocks, _pressed(model.gradient, lower, upper, x.shape))
-            if not _is_convex(blocks, model.links):
-                blocks = _made_convex(blocks, model.links)
+        blocks = convex_blocks(model, _pressed(model.gradient, lower, upper, x.shape))
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
@@ -136,6 +132,18 @@ class ControlQP:
             raise QPError(f"the quadratic program was not solved ({status})")
         multipliers = np.array(result.y) / scale if self._held else np.zeros(0)
         return QPStep(np.array(result.x), multipliers)
+
+
+def convex_blocks(model: QuadraticModel, pressed: np.ndarray) -> np.ndarray:
+    """Blocks (H, C, C) of a convex Hessian: the model's, changed as little as it takes.
+
+    pressed : (H, controls), which controls are held at a bound.
+    """
+    blocks, links = model.blocks, model.links
+    if _is_convex(blocks, links):
+        return blocks
+    stiffened = _stiffened(blocks, pressed)
+    return stiffened if _is_convex(stiffened, links) else _made_convex(stiffened, links)
 
 
 def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
