@@ -40,7 +40,7 @@ DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
 POSITION_TOL = 1e-3
 """The same in m of one target's error: others that are out of reach must not hide it."""
-ROUND_OFF = 1e-9
+ROUND_OFF = 1e-10
 """Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
 SUFFICIENT_DECREASE = 1e-4
 ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"

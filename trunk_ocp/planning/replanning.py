@@ -104,8 +104,9 @@ class Replanner:
         Threads take turns. Each re-plan starts from the newest one, or the last one that reached
         its targets, whichever is better now. One that runs out of time or iterations returns its
         newest iterate, with status TIME_LIMIT or ITERATION_LIMIT; the last of `solves` has its
-        objective and infeasibility, which is below 1e-6 after an iteration that succeeded. Where SQP
-        fails, Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin.
+        objective and infeasibility, which is below 1e-6 after an iteration that succeeded. Where
+        SQP fails, Ipopt takes over, unless there is a deadline: it needs tenths of a second to
+        begin.
 
         Gaps from bodies are kept where the plan of the constructor keeps them; a plan that comes
         too close elsewhere has the status COLLIDING.
