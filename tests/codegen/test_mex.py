@@ -49,12 +49,6 @@ def built(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def unoptimized(monkeypatch):
-    """Compile without optimization, which takes longer than what it would save here."""
-    monkeypatch.setenv("CFLAGS", "-O0")
-
-
 def octave(folder, code):
     """What a piece of Octave prints, as JSON."""
     (folder / "piece.m").write_text(code)
