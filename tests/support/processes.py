@@ -10,7 +10,7 @@ from pathlib import Path
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(
-    ["trunk_ocp.cli.commands", "trunk_ocp.cli.solve", "scipy.optimize", "scipy.integrate", "xarray"]
+    ["trunk_ocp.cli.commands", "trunk_ocp.cli.solve", "trunk_ocp.cli.run_figures", "xarray"]
 )
 
 
