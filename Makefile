@@ -6,7 +6,8 @@ OLDEST := .venv-oldest
 PIP := -m pip install --quiet --disable-pip-version-check
 # One thread for each solver: the tests and studies run several processes.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
-TESTS := --numprocesses=2
+# A process that has no more tests takes over half of what is left to the other.
+TESTS := --numprocesses=2 --dist=worksteal
 
 .PHONY: help venv motion pictures results test test-fast test-oldest coverage lint docs frameworks trust \
   study examples bench contact schema lock clean

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from plans import POINT, TOUCH, written
+from plans import POINT, TOUCH, arm_file, written
 
 from trunk_ocp.cli import commands
 from trunk_ocp.cli import finished_runs as runs
+from trunk_ocp.cli import run_figures as drawing
 from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
-from trunk_ocp.figures import film
+from trunk_ocp.figures import film, style
 from trunk_ocp.planning.storage import load_plan
 
 pytestmark = pytest.mark.slow
@@ -289,10 +290,13 @@ def test_a_finished_run_is_converted_for_other_programs(tmp_path):
 
 
 def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
-    monkeypatch.setattr(film, "MAX_FRAMES", 4)  # frames, for speed
+    monkeypatch.setattr(drawing, "PROCESSES", 1)  # for speed, as all that follows
+    monkeypatch.setitem(style.LOOK, "savefig.dpi", 60.0)
+    monkeypatch.setitem(style.LOOK, "pdf.fonttype", 3)
+    monkeypatch.setattr(film, "MAX_FRAMES", 4)
+    monkeypatch.setattr(film, "DPI", 40)
     out = tmp_path / "out"
-    problem = written(tmp_path, TOUCH)
-    arguments = [str(problem), "--out", str(out), "--mode", "both", "--film"]
+    arguments = [str(arm_file(tmp_path)), "--out", str(out), "--mode", "both", "--film"]
     result = CliRunner().invoke(commands.solve, arguments)
     assert result.exit_code == 0, result.output
     for mode in ("sequential", "horizon"):

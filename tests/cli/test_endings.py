@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from plans import TOUCH, written
+from plans import TOUCH, arm_file, written
 
 import trunk_ocp
 from trunk_ocp.cli import commands
@@ -200,7 +200,7 @@ def test_a_picture_that_fails_is_a_warning_and_stops_no_other(
     tmp_path, monkeypatch, in_this_process
 ):
     monkeypatch.setattr(drawing, "PARTS", (broken, *drawing.PARTS[-1:]))
-    result = invoked("solve", written(tmp_path, TOUCH), "--out", tmp_path / "out")
+    result = invoked("solve", arm_file(tmp_path), "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     assert (
         "warning: could not draw the horizon plan's broken: ValueError: 12 phases" in result.stderr

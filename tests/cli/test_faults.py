@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
-from plans import POINT, TOUCH, written
+from plans import POINT, TOUCH, arm_file, written
+from processes import run_script
 from programs import needs
 
 from trunk_ocp._support.atomic_files import alone, replacing, write
@@ -55,7 +56,8 @@ def started(command, *arguments, **options):
 
 
 def struck(fault, moment, count, *arguments):
-    return started([sys.executable, str(FAULTY), fault, moment, str(count)], *arguments)
+    words = (fault, moment, count, *arguments, "--no-figures")
+    return run_script(FAULTY, words, timeout=100)
 
 
 def bits(out):
@@ -621,7 +623,7 @@ def bare_environment(tmp_path):
 
 def test_a_run_needs_neither_home_nor_terminal_nor_input(tmp_path):
     """Pictures and page included; nothing is said of settings that cannot be kept."""
-    path, out = written(tmp_path, TOUCH), tmp_path / "out"
+    path, out = arm_file(tmp_path), tmp_path / "out"
     command = ["sh", "-c", f'exec "$@" --out {out} <&- >&- 2>{tmp_path}/errors', "sh", *SOLVE]
     ended = subprocess.run([*command, str(path)], env=bare_environment(tmp_path), timeout=100)
     assert ended.returncode == 0

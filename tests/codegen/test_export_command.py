@@ -23,7 +23,7 @@ from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.activation import strains
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimized")]
 
 SHAPES = [name for name, form in FORMATS.items() if not form.formulas]
 PARTS = ("position", "directors", "strain", "moment")

@@ -80,7 +80,7 @@ def test_shapes_and_both_derivatives_are_those_of_the_check_files(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["check.csv", "check_unloaded.csv"])
-def test_the_check_notices_one_wrong_number(name, tmp_path):
+def test_the_check_notices_one_wrong_number(name, tmp_path, unoptimized):
     folder = saved(request(), tmp_path)
     first, *rest = (folder / name).read_text().splitlines()
     values = first.split(",")
@@ -200,7 +200,7 @@ def test_a_fault_is_told_and_the_next_call_works(call, expected, built):
     assert error(built, f"trunk_shape({GOOD})") == ["", ""]
 
 
-def test_an_export_of_shapes_says_that_it_has_no_derivatives(tmp_path):
+def test_an_export_of_shapes_says_that_it_has_no_derivatives(tmp_path, unoptimized):
     folder = saved(request("shape"), tmp_path)
     assert "loaded position" in check_mex(folder)
     build_mex(folder, "trunk_shape", BUILT)
@@ -209,7 +209,7 @@ def test_an_export_of_shapes_says_that_it_has_no_derivatives(tmp_path):
     assert "exported without --what jacobian" in said
 
 
-def test_a_trunk_without_contact_says_so(tmp_path):
+def test_a_trunk_without_contact_says_so(tmp_path, unoptimized):
     plain = request()
     plain = replace(plain, model=replace(plain.model, loads=Loads()))
     folder = saved(plain, tmp_path)

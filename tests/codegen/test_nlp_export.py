@@ -21,7 +21,7 @@ from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.planner import plan_motion
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("unoptimized")]
 
 WRITERS = {
     "casadi": (nlp.write_nlp_casadi, nlp.check_nlp_casadi),

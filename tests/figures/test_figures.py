@@ -561,15 +561,15 @@ def test_a_plan_that_did_not_converge_is_drawn(tmp_path):
 def titles(plan):
     """Titles of every figure of a plan, and of one of it beside a solved plan."""
     solved = planned("lift-log", "sequential")
-    with style.styled():
-        figures = (
-            activations.activations_figure(plan),
-            errors.errors_figure(plan),
-            shapes.shapes_figure(plan, rows_of(plan)),
-            muscles.muscles_figure(plan, moments_at(plan, np.array([0.5])), "R"),
-            comparison.comparison_figure(solved, plan),
-        )
-    return [figure.get_suptitle() for figure in figures]
+    for figure, *arguments in (
+        (activations.activations_figure, plan),
+        (errors.errors_figure, plan),
+        (shapes.shapes_figure, plan, rows_of(plan)),
+        (muscles.muscles_figure, plan, moments_at(plan, np.array([0.5])), "R"),
+        (comparison.comparison_figure, solved, plan),
+    ):
+        with style.styled():
+            yield figure(*arguments).get_suptitle()
 
 
 def test_every_figure_of_a_plan_that_is_not_solved_says_so():
@@ -580,7 +580,7 @@ def test_every_figure_of_a_plan_that_is_not_solved_says_so():
     for title in titles(failed):
         assert "horizon, NOT SOLVED: not converged" in title
         assert "sequential, NOT" not in title
-    assert "NOT SOLVED: interrupted" in titles(replace(solved, interrupted=True))[0]
+    assert "NOT SOLVED: interrupted" in next(titles(replace(solved, interrupted=True)))
 
 
 def test_moments_without_an_equilibrium_are_left_out():

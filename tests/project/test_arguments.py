@@ -5,9 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plans import TOUCH, written
+from plans import arm
 
 import trunk_ocp as to
+from trunk_ocp._support import process_pool
 from trunk_ocp.errors import TrunkError
 
 pytestmark = pytest.mark.slow
@@ -49,7 +50,8 @@ def shape_map():
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
-    return to.plan_motion(to.load_motion(written(tmp_path_factory.mktemp("plan"), TOUCH)), 1)
+    """Of a trunk with few muscles, for speed."""
+    return to.plan_motion(arm(tmp_path_factory.mktemp("plan")), 1)
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +157,7 @@ def test_degrees_for_radians_are_asked_about():
 @pytest.mark.parametrize("kind", BAD)
 def test_a_bad_argument_gets_a_sentence_or_works(plan, replanner, tmp_path, monkeypatch, kind):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(process_pool, "cores", lambda: 1)  # processes take long to start
     faults = []
     for name, (function, valid) in calls(plan, replanner, tmp_path).items():
         for argument in inspect.signature(function).parameters:

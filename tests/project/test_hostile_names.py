@@ -8,6 +8,7 @@ import html.parser
 import re
 import subprocess
 from dataclasses import replace
+from functools import lru_cache
 
 import pytest
 from click.testing import CliRunner
@@ -62,6 +63,7 @@ def written(named):
     return write
 
 
+@lru_cache(maxsize=16)  # most files do not have the name
 def program(source: str) -> str:
     """Python source as its syntax tree, with every text in it the same."""
     tree = ast.parse(source)
@@ -76,7 +78,9 @@ def program(source: str) -> str:
 
 @pytest.mark.parametrize("form", ["numpy", "jax", "torch", "sympy"])
 def test_a_python_module_is_the_same_program_whatever_the_name(written, form):
-    harmless = written(form, "trunk")
+    harmless = {
+        file: program(text) for file, text in written(form, "trunk").items() if file.endswith(".py")
+    }
     names = [*HOSTILE.values()]
     for name in (
         names if form in ("numpy", "sympy") else names[:2]
@@ -85,7 +89,7 @@ def test_a_python_module_is_the_same_program_whatever_the_name(written, form):
         modules = {file: text for file, text in files.items() if file.endswith(".py")}
         assert len(modules) >= 2
         for file, text in modules.items():
-            assert program(text) == program(harmless[file])
+            assert program(text) == harmless[file]
         if form == "sympy":
             assert constant(files["trunk_formulas.py"], "ANATOMY") == name
         else:

@@ -201,6 +201,12 @@ Z = 1.0
 """
 
 
-def arm(tmp_path, target, anatomy=ROD):
-    written(tmp_path, anatomy, "arm.toml")
-    return load_motion(written(tmp_path, REACH + target))
+def arm_file(folder, target="position = [0.2, 0.1, 0.9]", anatomy=ROD):
+    """A problem file beside its anatomy, of one step of a trunk with few muscles; its path."""
+    written(folder, anatomy, "arm.toml")
+    return written(folder, REACH + target)
+
+
+def arm(folder, target="position = [0.2, 0.1, 0.9]", anatomy=ROD):
+    """The motion of `arm_file`."""
+    return load_motion(arm_file(folder, target, anatomy))

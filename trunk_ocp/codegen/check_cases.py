@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 from dataclasses import replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -32,6 +33,7 @@ ROUND_OFF = 1e-9  # largest value, in SI units, of a part that is zero up to rou
 ELEMENT_COUNTS = (6, 7, 8, 10, 12, 16, 24, 32)
 
 
+@lru_cache(maxsize=4)
 def cases(model: Model) -> np.ndarray:
     """Inputs x (B, size), the same in every call for a model.
 
@@ -57,7 +59,9 @@ def cases(model: Model) -> np.ndarray:
     for row, angle in zip(x[1 + RANDOM_CASES :], TURNS, strict=True):
         row[layout.inputs["activation"]] = turning(model, angle, rng)
         row[layout.inputs["gravity"]] *= TURN_GRAVITY
-    return np.array([_solvable(model, row) for row in x])
+    x = np.array([_solvable(model, row) for row in x])
+    x.flags.writeable = False  # kept for the next call
+    return x
 
 
 def free_cases(model: Model) -> np.ndarray:
@@ -120,6 +124,7 @@ def _contraction(trunk: Trunk, rng: np.random.Generator) -> np.ndarray:
         activation = activation * 0.8
 
 
+@lru_cache(maxsize=4)
 def resolved(model: Model) -> Model:
     """The model on the coarsest mesh, no coarser than its own, that resolves its shapes.
 
