@@ -32,8 +32,8 @@ from trunk_ocp.planning.decided_steps import DecidedSteps
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planning_run import PlanningRun
 
-from .common import MOTIONS
-from .shape_map import by_steps, first_calls
+from .common import MOTIONS, cases, fine_mesh
+from .shape_map import by_steps, error, first_calls
 
 ROOT = Path(__file__).parent.parent
 IN_A_ROW = {"lift-log": 0.015, "pick-fruit": 0.03}
@@ -204,7 +204,8 @@ def moving_target(tick: int) -> np.ndarray:
 
 def follow(planner: type, ticks: int, far: range, deadline: float) -> Figures:
     """A loop in which each tick carries out the first step of its plan."""
-    plan = to.plan_motion(following(moving_target(0)), throw=False)
+    plan = to.plan_motion(following(moving_target(0)), throw=False)  # which takes two steps
+    plan = to.plan_motion(plan.motion, initial=plan.x[0])
     again, rows = planner(plan), []
     options = {"throw": False, "check": "later"} if planner is to.Replanner else {}
     for tick in range(1, ticks + 1):
@@ -256,6 +257,14 @@ def whole_plans(repeats: int) -> dict[str, tuple[float, float]]:
         wall, cpu = zip(*(seconds for _, seconds in runs[1:]), strict=True)
         result[name] = statistics.median(wall), statistics.median(cpu)
     return result
+
+
+def compiled_shapes(repeats: int) -> Figures:
+    """Start, speed and error of `ShapeMap`."""
+    which, steps = cases(2000, seed=5), 5
+    some = which.first(200)  # of which the exact shapes are known within seconds
+    off = error(some, some.solve(fine_mesh(some)), steps)
+    return {**first_calls(repeats), **by_steps(steps, which, repeats), "error_in_L": off}
 
 
 def start_up(repeats: int) -> dict[str, float]:
@@ -317,8 +326,7 @@ def main() -> None:
     began, load = time.perf_counter(), os.getloadavg()[0]
     figures: Figures = {"load": load, "idle": measured(options.quick)}
     repeats = 1 if options.quick else 5
-    figures["shapes"] = progress("first shapes", lambda: first_calls(repeats))
-    figures["shapes"] |= progress("shapes", lambda: by_steps(5, 2000, repeats))
+    figures["shapes"] = progress("shapes", lambda: compiled_shapes(repeats))
     figures["start"] = progress("start", lambda: start_up(repeats))
     if options.busy:
         with spinning():

@@ -24,8 +24,6 @@ from .common import Cases, cases, distance, fine_mesh, median, seconds
 
 TIP_MASSES = (0.0, 8.0, 20.0)  # kg
 STEPS = (4, 5, 8)
-COMPARED = 200
-"""Shapes whose errors are measured, on a mesh that takes much longer."""
 FIRST_CALL = """
 import time
 wall = time.perf_counter()
@@ -38,7 +36,22 @@ print(time.perf_counter() - wall, time.process_time())
 
 def shape_map_figures(shapes: int = 2000, repeats: int = 5) -> dict[str, Any]:
     """All figures of `ShapeMap`; seconds, shapes per second, errors in L."""
-    return first_calls(repeats) | {"by_steps": [by_steps(n, shapes, repeats) for n in STEPS]}
+    which = cases(shapes, seed=5)
+    loads = [to.Loads(9.8, tip_force=(0.0, 0.0, 9.8 * mass)) for mass in TIP_MASSES]
+    loaded = [Cases(which.trunk, which.activation, which.head, load) for load in loads]
+    exact = [each.solve(fine_mesh(each)) for each in loaded]
+    speeds = [by_steps(steps, which, repeats) for steps in STEPS]
+    for figures in speeds:
+        errors = [error(*pair, figures["steps"]) for pair in zip(loaded, exact, strict=True)]
+        figures["error_in_L"] = dict(zip(map("{:g} kg".format, TIP_MASSES), errors, strict=True))
+    return first_calls(repeats) | {"by_steps": speeds}
+
+
+def error(which: Cases, exact: to.Shape, steps: int) -> float:
+    """Largest distance from shapes on a fine mesh, in L."""
+    solve = to.ShapeMap(which.trunk, which.loads, steps=steps)
+    found = solve(which.activation, which.head)
+    return distance(found.position, exact.position(solve.Z)) / which.trunk.length
 
 
 def first_calls(repeats: int = 5) -> dict[str, float]:
@@ -62,18 +75,10 @@ def first_calls(repeats: int = 5) -> dict[str, float]:
     }
 
 
-def by_steps(steps: int, shapes: int, repeats: int) -> dict[str, Any]:
-    """Speed on one and two threads, CPU time per shape, and largest error for each tip mass."""
-    which, errors = cases(shapes, seed=5), {}
-    some = which.first(COMPARED)
-    for mass in TIP_MASSES:
-        loads = to.Loads(9.8, tip_force=(0.0, 0.0, 9.8 * mass))
-        loaded = Cases(which.trunk, some.activation, some.head, loads)
-        solve = to.ShapeMap(which.trunk, loads, steps=steps)
-        exact = loaded.solve(fine_mesh(loaded)).position(solve.Z)
-        found = solve(some.activation, some.head)
-        errors[f"{mass:g} kg"] = distance(found.position, exact) / which.trunk.length
-    figures: dict[str, Any] = {"steps": steps, "error_in_L": errors}
+def by_steps(steps: int, which: Cases, repeats: int) -> dict[str, Any]:
+    """Speed on one and two threads, and CPU time per shape."""
+    shapes = len(which.activation)
+    figures: dict[str, Any] = {"steps": steps}
     for threads in (1, 2):
         solve = to.ShapeMap(which.trunk, which.loads, steps=steps, threads=threads)
         call = lambda solve=solve: solve(which.activation, which.head)

@@ -37,7 +37,8 @@ def build():
 def pytest_configure(config):
     """What every process that tests start inherits."""
     # Compiled kernels are kept with the tests, not in the user's cache folder.
-    os.environ["NUMBA_CACHE_DIR"] = str(config.cache.mkdir("numba"))
+    if cache := getattr(config, "cache", None):
+        os.environ["NUMBA_CACHE_DIR"] = str(cache.mkdir("numba"))
     # A shell's background jobs ignore Ctrl-C.
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -447,7 +447,8 @@ READS_OBJECTS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "ya
 
 def test_the_package_has_no_way_to_run_what_it_reads():
     """Exceptions: `shooting_kernels` runs source that it wrote itself, from the package's own
-    symbols; numba compiles source only. `run_checks` starts compilers and Octave, on exports just
+    symbols; numba compiles source only, and loads what it compiled from a folder that is the
+    user's alone (`_support.compiled`). `run_checks` starts compilers and Octave, on exports just
     written, when a check is requested.
     """
     found = set()

@@ -196,7 +196,9 @@ def test_a_replanner_keeps_the_gaps_and_follows_the_body(tmp_path):
 
 def test_rows_follow_a_body_s_clearance_and_miss_no_body():
     moved = rows_for(around(clearance=0.02), avoided().gaps)
-    assert all(row.least == pytest.approx(0.02) for rows in moved.values() for row in rows)
+    least = [row.least for rows in moved.values() for row in rows]
+    assert least
+    assert 0.02 <= min(least) <= max(least) <= 0.0201
     with pytest.raises(InputError, match="ball"):
         rows_for(around(name="sphere"), avoided().gaps)
     later = {5: avoided().gaps[0]}

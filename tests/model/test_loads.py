@@ -7,7 +7,14 @@ import pytest
 from scipy.integrate import quad
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.model.loads import Loads, contact_share, couple_density, internal_force, mass_beyond
+from trunk_ocp.model.loads import (
+    Loads,
+    contact_share,
+    couple_density,
+    internal_force,
+    internal_forces,
+    mass_beyond,
+)
 
 LOG = Loads(9.8, (3.0, -4.0, 5.0), 1.4, (10.0, 20.0, 144.5), (-113.8, 7.0, 2.0))
 
@@ -101,3 +108,12 @@ def test_contact_starts_on_the_trunk(trunk, bad):
     load = Loads(contact_from=bad, contact_force=(0, 0, 1.0))
     with pytest.raises(InputError, match=r"loads\.contact_from.*0 <= Z_w < L"):
         internal_force(load, trunk, np.array([0.5]))
+
+
+def test_forces_of_several_loads_are_those_of_each(trunk):
+    Z = np.linspace(0, trunk.length, 7)
+    loads = [LOG, Loads(), Loads(0.0, (1.0, 2.0, 3.0))]
+    together = internal_forces(loads, trunk, Z)
+    each = [internal_force(load, trunk, Z) for load in loads]
+    np.testing.assert_allclose(together, each, rtol=1e-14)
+    assert internal_forces([], trunk, Z).shape == (0, 7, 3)

@@ -141,6 +141,22 @@ def test_settled_rods_are_in_equilibrium_and_objectives_are_the_nlps():
     )
 
 
+def test_steps_that_moved_on_are_updated_to_the_plan_of_later_controls():
+    """Poses at targets, the held direction, the pull and the start, which follow from others."""
+    motion = first_steps("pick-fruit", 1)
+    phase = motion.spec.phases[0].model_copy(update={"steps": 3})
+    motion = motion.with_spec(motion.spec.model_copy(update={"phases": (phase,)}))
+    x = -0.1 * np.arange(1, 4)[:, None] * np.random.default_rng(7).random((3, 30))
+    old, w = window_of(motion), window_of(motion.started(x[0]))
+    full = w.advanced(old.pack(x, in_equilibrium(old, x)[0]), 1)
+    moved, residual = CondensedWindow(w).updated(full)
+    later = x[[1, 2, 2]]
+    np.testing.assert_allclose(moved, w.pack(later, in_equilibrium(w, later)[0]), atol=1e-6)
+    assert residual <= 1e-7
+    heavy = window_of(w.motion.with_loads(gravity=20.0))
+    assert CondensedWindow(heavy).updated(full)[1] > 1e-2
+
+
 def test_a_window_of_other_numbers_is_the_window_built_for_them():
     first = first_steps("pick-fruit", 3)
     moved = first.shifted((0.01, -0.02, 0.03)).started(np.full(30, 0.01)).limited(activation=2.0)
@@ -163,6 +179,10 @@ def test_motions_of_other_layouts_differ():
     assert layout_of(motion) == layout_of(motion.shifted((0.1, 0.0, 0.0)))
     assert layout_of(motion) != layout_of(first_steps("lift-log", 3))
     assert layout_of(shipped("lift-log-hung")) != layout_of(shipped("lift-log-asymmetric"))
+    alike = motion.spec.weights.model_copy(update={"symmetric": True})
+    motion = first_steps("lift-log", 1)
+    symmetric = motion.with_spec(motion.spec.model_copy(update={"weights": alike}))
+    assert layout_of(motion) != layout_of(symmetric)
 
 
 def test_a_rod_on_which_errors_grow_too_much_is_refused(monkeypatch):

@@ -10,10 +10,11 @@ from toys import TRUNK as SHORTENER
 from toys import C, shortening
 
 from trunk_ocp.nlp.condensed_window import CondensedWindow
-from trunk_ocp.nlp.control_qp import ControlQP, QPError, _is_convex, _made_convex
+from trunk_ocp.nlp.control_qp import ControlQP, _is_convex, _made_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.collocation import mesh_for
 
 
@@ -85,6 +86,66 @@ def test_a_deadline_in_the_past_still_allows_one_iteration():
     np.testing.assert_array_equal(outcome.full, one.full)
 
 
+def test_a_reporter_that_stops_gets_a_plan_of_this_motion():
+    """Not the start, whose rods are in equilibrium under other loads."""
+    reporter = Reporter()
+    reporter.stop = True
+    old = first_steps("lift-log", 1)
+    start = packed(window_of(old), np.zeros((1, 30)))
+    w = window_of(old.with_loads(tip_mass=1.0))
+    outcome, _ = solved(w, start, reporter=reporter)
+    assert outcome.stopped
+    assert outcome.infeasibility <= 1e-6
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+
+
+def test_rods_that_find_no_equilibrium_are_not_called_feasible():
+    old = first_steps("lift-log", 1)
+    start = packed(window_of(old), np.zeros((1, 30)))
+    w = window_of(old.with_loads(tip_mass=1e4))
+    outcome, _ = solved(w, start, max_iterations=1)
+    assert not outcome.converged
+    assert outcome.infeasibility > 1.0
+
+
+def test_a_target_out_of_reach_hides_no_other():
+    """Which moves by 5 mm, for next to nothing of the objective."""
+    free = Weights(0.0, 0.0)
+    w = window_of(shortening([-0.1, 50.0]), weights=free)
+    first, _ = solved(w, packed(w, np.zeros((2, 4))))
+    moved = -0.1 - 0.005 / C
+    w = window_of(shortening([moved, 50.0]), weights=free)
+    outcome, _ = solved(w, first.full)
+    assert outcome.converged
+    np.testing.assert_allclose(C * w.controls_of(outcome.full)[0, 0], C * moved, atol=1e-3)
+
+
+def test_what_cannot_be_solved_says_why_and_how_far_off_it_is():
+    old = first_steps("lift-log", 1)
+    start = packed(window_of(old), np.zeros((1, 30)))
+    w = window_of(old.with_loads(tip_mass=1e4))
+    outcome, _ = solved(w, start)
+    assert outcome.message == "Error_In_Step_Computation"
+    assert outcome.infeasibility > 1.0
+    w = window_of(shortening([-0.1], most=0.1).started(np.array([-0.9, -0.9, 0.0, 0.0])))
+    w = window_of(w.motion.limited(activation=0.2))
+    outcome, _ = solved(w, packed(w, np.zeros((1, 4))))
+    assert outcome.message == "Infeasible_Problem_Detected"
+    assert outcome.infeasibility == pytest.approx(0.8)
+
+
+def test_an_objective_of_zero_is_a_solution():
+    """Nothing is asked of a trunk that has to move all the same: bounds do not allow its start."""
+    motion = shortening([-0.1]).started(np.array([-0.2, -0.2, 0.0, 0.0])).limited(activation=0.1)
+    target = {"position_weight": 0.0, "position": (0.0, 0.0, 1.0)}
+    w = window_of(motion.retarget(**target), weights=Weights(0.0, 0.0))
+    full = packed(w, np.full((1, 4), [-0.2, -0.2, 0.0, 0.0]))
+    outcome, _ = solved(w, full)
+    assert outcome.converged
+    assert outcome.objective == 0.0
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+
+
 def test_quadratic_programs_are_solved_as_by_another_solver():
     """Against Ipopt, on dense rows."""
     w = window_of(first_steps("pick-fruit", 3))
@@ -93,7 +154,9 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     x = np.zeros(condensed.x.shape)
     model = condensed.model(packed(w, x), np.zeros(3))
     found = qp.solve(w, model, x)
-    blocks = model.blocks if found.convex else _made_convex(model.blocks, model.links)
+    blocks = model.blocks
+    if not _is_convex(blocks, model.links):
+        blocks = _made_convex(blocks, model.links)
     (H, n), size = x.shape, condensed.size
     hessian = np.zeros((size, size))
     for t in range(H):
@@ -140,5 +203,8 @@ def test_bounds_that_contradict_each_other_are_reported():
     w = window_of(shortening([-0.1, -0.3], most=0.1))
     motion = w.motion.started(np.array([-0.9, -0.9, 0.0, 0.0]))
     w = window_of(motion.limited(activation=0.2))
-    with pytest.raises(QPError):
-        solved(w, packed(w, np.zeros((2, 4))))
+    outcome, point = solved(w, packed(w, np.zeros((2, 4))))
+    assert outcome.message == "Infeasible_Problem_Detected"
+    assert not outcome.converged
+    assert outcome.infeasibility > 0.1
+    assert np.all(np.isfinite(point.full))

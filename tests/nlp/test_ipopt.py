@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_info
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import trunk_ocp as to
 from trunk_ocp._support.blas_threads import one_thread
@@ -163,18 +163,32 @@ def test_threads_take_turns_with_a_replanner(motion, plan):
         assert found.objective.total == pytest.approx(expected.objective.total, rel=1e-4)
 
 
-def test_overlapping_blocks_of_one_thread_restore_blas():
-    def threads() -> list[int]:
-        return [lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"]
+def blas_threads() -> set[int]:
+    return {lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas"}
 
-    before = threads()
-    first, second = one_thread(), one_thread()
-    first.__enter__()
-    second.__enter__()
-    first.__exit__(None, None, None)
-    assert set(threads()) == {1}
-    second.__exit__(None, None, None)
-    assert threads() == before
+
+@pytest.mark.parametrize("first_to_end", [0, 1])
+def test_blocks_of_one_thread_that_overlap_in_two_threads_restore_blas(first_to_end):
+    with one_thread():
+        pass  # loads every BLAS
+    entered, may_end = threading.Barrier(3), [threading.Event(), threading.Event()]
+
+    def block(i: int) -> None:
+        with one_thread():
+            entered.wait(10)
+            may_end[i].wait(10)
+
+    with threadpool_limits(2, user_api="blas"), ThreadPoolExecutor(2) as pool:
+        before, within = blas_threads(), []
+        blocks = [pool.submit(block, i) for i in range(2)]
+        entered.wait(10)
+        for i in (first_to_end, 1 - first_to_end):
+            within.append(blas_threads())
+            may_end[i].set()
+            blocks[i].result()
+        after = blas_threads()
+    assert within == [{1}, {1}]
+    assert after == before
 
 
 def test_plans_in_several_threads(motion):

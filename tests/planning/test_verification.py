@@ -1,10 +1,13 @@
-"""verification.integrate, the judge of every plan, against a third integrator."""
+"""The integrators that judge every plan, against a third one."""
 
 import numpy as np
 import pytest
 
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.two_point import equilibria
 from trunk_ocp.planning.verification import integrate
+from trunk_ocp.rod.collocation import mesh_for
+from trunk_ocp.rod.statics import solve_statics
 from trust import reference
 
 Z = np.unique(np.append(np.linspace(0, 1.75, 11), [0.875, 1.4, 1.4875]))
@@ -37,6 +40,30 @@ def test_it_agrees_with_a_third_integrator(trunk, rods, method):
     assert np.abs(path.position[:count] - r).max() < 1e-8
     assert np.abs(path.directors[:count] - d).max() < 1e-7
     assert np.abs(path.moment[:count] - m).max() < 1e-5  # of some 100 N m
+
+
+@pytest.fixture(scope="module")
+def equilibrium(trunk, rods):
+    """The equilibria (3,) of the check, found from shapes on a coarse mesh."""
+    x, _ = rods
+    mesh = mesh_for(trunk, 1.4, 4, 4)
+    shapes = solve_statics(trunk, x[:, :28], x[:, 28:], LOADS, mesh)
+    path = equilibria(trunk, x, LOADS, shapes, Z)
+    assert np.linalg.norm(path.position - shapes.position(Z), axis=2).max() > 1e-5
+    return path
+
+
+def test_the_equilibria_of_the_check_are_those_of_a_third_integrator(trunk, rods, equilibrium):
+    (x, _), path = rods, equilibrium
+    start = path.moment[:, 0]
+    r, d, m = reference.march(
+        trunk, x[:, :28], x[:, 28:], LOADS, start, Z, method="LSODA", rtol=1e-11, atol=1e-11
+    )
+    # Errors of m(0), 1e-8 of it, grow along the trunk.
+    assert np.abs(path.position - r).max() < 1e-7
+    assert np.abs(path.directors - d).max() < 1e-6
+    assert np.abs(path.moment - m).max() < 1e-4  # of some 100 N m
+    assert np.abs(path.moment[:, -1]).max() < 1e-6
 
 
 def test_each_rod_is_integrated_as_if_alone(trunk, rods):

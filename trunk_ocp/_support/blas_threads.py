@@ -46,6 +46,7 @@ def one_thread() -> Iterator[None]:
     """
     with _limit.lock:
         if not _limit.blocks:
+            _release()
             _limit.restore = _libraries().limit(limits=1, user_api="blas").restore_original_limits
         _limit.blocks += 1
     try:
@@ -54,7 +55,20 @@ def one_thread() -> Iterator[None]:
         with _limit.lock:
             _limit.blocks -= 1
             if not _limit.blocks:
+                _release()
                 _limit.restore()
+                _release()
+
+
+def _release() -> None:
+    """Let this thread set the limit, and others after it.
+
+    By threadpoolctl 3.8, OpenBLAS obeys only the first thread that ever limited it, while that
+    thread lives. Here the first block may start in one thread and the last one end in another.
+    """
+    release = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if release is not None:
+        release(force=True)
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import StaticsError
 from ..model.loads import Loads
 from ..model.solids import Solid
-from ..problem.interpolation import interpolate_all, loads_at, loads_before
+from ..problem.interpolation import interpolate_all, jumps, loads_at, loads_before
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
@@ -31,6 +31,9 @@ FIRST_CELLS, MAX_DIVISIONS = 2, 4
 BETWEEN_TOL = 5.5e-5
 """By how much a gap may be too small between time steps, as a share of the trunk's length; 0.096 mm
 for the elephant."""
+DOUBT_TOL = 4.5e-5
+"""Lower bounds that allow more than this, over L, are made more accurate: the check subtracts some
+0.005 mm from them, the error of planned shapes."""
 MAX_DEFECT = 1e-4
 """Largest `Shape.defect` of a shape between time steps; its mesh was checked at the steps only."""
 AT_ONCE = 16
@@ -39,7 +42,11 @@ AT_ONCE = 16
 
 @np.errstate(all="ignore")  # overflow ends as a gap that is not known
 def gaps_between_steps(
-    motion: Motion, x: np.ndarray, loads: Sequence[Loads], shape: Shape, precise: bool
+    motion: Motion,
+    x: np.ndarray,
+    loads: Sequence[Loads],
+    shape: Shape,
+    precise: Collection[str],
 ) -> list[Gap]:
     """Gaps on the way to each time step, from the one before or from the start.
 
@@ -47,8 +54,9 @@ def gaps_between_steps(
 
     Parameters
     ----------
-    precise : bool
-        Whether time is divided further where it is not clear whether a gap is large enough.
+    precise : collection of str
+        Groups of bodies for which time is divided further where it is not clear whether a gap is
+        large enough.
     """
     moving = [
         t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
@@ -61,12 +69,11 @@ def gaps_between_steps(
     ]
 
 
-def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: bool) -> list[Gap]:
+def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: Collection[str]) -> list[Gap]:
     """Gaps on the way to some time steps (from 0)."""
     motion = samples.motion
     times = np.append(0.0, motion.times)
-    grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1) for t in ways]
-    indices = samples.add(ways, grids)
+    indices = samples.on_ways(ways)
     lost = {t for t, index in zip(ways, indices, strict=True) if np.any(index < 0)}
     parts = [
         _Cells(np.stack([index[:-1], index[1:]]), np.full(FIRST_CELLS, t))
@@ -74,14 +81,16 @@ def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: bool) -> list
         if t not in lost
     ]
     bodies, cells = _bodies(motion, ways), _Cells.joined(parts)
-    for number in range(MAX_DIVISIONS if precise else 1):
+    asked = [body for body in bodies if body_of(body.solid)[1] in precise]
+    for number in range(MAX_DIVISIONS if asked else 1):
         if not cells.steps.size:
             break
         inner = samples.inside(cells)
         lost |= set(cells.steps[np.any(inner < 0, axis=0)].tolist())
         alive = ~np.isin(cells.steps, list(lost))
-        _look(samples, bodies, cells.chosen(alive), inner[:, alive], everything=number == 0)
-        cells = _Cells.joined([body.cells for body in bodies]).distinct()
+        those = asked if number else bodies
+        _look(samples, those, cells.chosen(alive), inner[:, alive], everything=number == 0)
+        cells = _Cells.joined([body.cells for body in asked]).distinct()
     return [body.gap_at(t, t in lost, times) for body in bodies for t in ways if body.there[t]]
 
 
@@ -121,8 +130,8 @@ class _Body:
     cells: _Cells = field(default_factory=lambda: _Cells.joined([]))
     open_bounds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def update(self, cells: _Cells, found: Nearest, tolerance: float) -> None:
-        """Take the smallest gaps on cells into account; `tolerance` in m, see `BETWEEN_TOL`."""
+    def update(self, cells: _Cells, found: Nearest, length: float) -> None:
+        """Take the smallest gaps on cells of a trunk of some length into account."""
         best, least = self.best, body_of(self.solid)[2]
         order = np.argsort(found.gap, kind="stable")
         steps, first = np.unique(cells.steps[order], return_index=True)
@@ -131,8 +140,8 @@ class _Body:
         for name in ("gap", "time", "places"):
             getattr(best, name)[to] = getattr(found, name)[source]
         smallest = best.gap[cells.steps]
-        doubtful = found.bound < least - tolerance
-        doubtful &= least - smallest <= tolerance  # else it is too small beyond doubt
+        doubtful = found.bound < least - DOUBT_TOL * length
+        doubtful &= least - smallest <= BETWEEN_TOL * length  # else it is too small beyond doubt
         np.minimum.at(best.bound, cells.steps[~doubtful], found.bound[~doubtful])
         self.cells, self.open_bounds = cells.chosen(doubtful), found.bound[doubtful]
 
@@ -181,7 +190,6 @@ def _look(
 
     `everything` : for all bodies, else for those that are in doubt there.
     """
-    tolerance = BETWEEN_TOL * samples.motion.trunk.length
     known: dict[tuple[str, bytes], Cells] = {}
     for body in bodies:
         chosen = (
@@ -203,7 +211,9 @@ def _look(
             if body.solid is None
             else nearest_to_solid(body.solid, known[key])
         )
-        body.update(_Cells(quarters, np.tile(cells.steps[chosen], 4)), found, tolerance)
+        body.update(
+            _Cells(quarters, np.tile(cells.steps[chosen], 4)), found, samples.motion.trunk.length
+        )
 
 
 def _observer(solid: Solid | None) -> str:
@@ -220,10 +230,23 @@ class _Samples:
         self.motion, self._planned, self._shape = motion, loads, shape
         controls = np.concatenate([motion.start[None], x])
         centers = log_centers(motion)[: len(controls)]
+        self._jumps = jumps(motion, loads)
         self._values = np.concatenate([controls, centers], axis=1)
         self._Z = section_points(motion)
-        self.times, self._table = np.zeros(0), np.zeros((0, self._values.shape[1]))
-        self._tube = Tube(self._Z, *(np.zeros((0, self._Z.size, *end)) for end in ((3,), (3,), ())))
+        # The first samples are the time steps.
+        self.times, self._table = motion.times[: len(x)], self._values[1:]
+        self._tube = tube(motion.trunk, shape, self._Z)
+
+    def on_ways(self, steps: Sequence[int]) -> list[np.ndarray]:
+        """Sample the way to each step at the ends of the first cells; -1 without equilibrium."""
+        times, jumped = np.append(0.0, self.motion.times), (0.0, *self._jumps)
+        grids = [np.linspace(times[t], times[t + 1], FIRST_CELLS + 1)[:-1] for t in steps]
+        known = [times[t] not in jumped for t in steps]  # the start is the step before
+        new = self.add(steps, [grid[int(k) :] for k, grid in zip(known, grids, strict=True)])
+        return [
+            np.concatenate([[t - 1] * k, index, [t]]).astype(int)
+            for t, k, index in zip(steps, known, new, strict=True)
+        ]
 
     def add(self, steps: Sequence[int], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Sample the way to each step at some times; returns indices, -1 without equilibrium."""

@@ -20,9 +20,11 @@ STRIDES = (16, 8, 4, 2, 1)
 """Sections to a piece, from coarse to fine."""
 FAR_ENDS = np.array([0, 1])
 """From the first discs of a pair of pieces to those that are farthest apart."""
-ACCURACY, FAR_ACCURACY = 3e-5, 0.05
-"""Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of gaps from bodies
-far away, as a share of the gap."""
+ACCURACY, NEAR_ACCURACY, FAR_ACCURACY = 3e-5, 0.05, 0.5
+"""Of lower bounds, as a share of the trunk's length (0.05 mm for the elephant); of larger gaps, as
+a share of the gap; and of gaps above `FAR`, as a share of what is above it."""
+FAR = 0.02
+"""A gap that no plan is about to lose, over the trunk's length."""
 
 
 @dataclass(frozen=True)
@@ -291,19 +293,24 @@ class _Search:
             np.full((count, 2), np.nan),
             np.full(count, np.inf),
         )
+        active = np.arange(count)  # cells that still have unsettled pieces
         for stride, finer in zip(STRIDES, (*STRIDES[1:], 0), strict=True):
             tubes, errors = cells.level(stride)
+            if active.size < count:
+                tubes, errors = [discs[active] for discs in tubes], errors[active]
             for k, discs in enumerate(tubes):
-                self._closer(discs, pieces, cells.times[k], stride, best)
-            bounds = self.bounds(tubes, errors, pieces)
-            known = np.where(np.isfinite(best.gap), best.gap, 0.0)
-            tolerance = np.maximum(accuracy, FAR_ACCURACY * known)
-            unsettled = bounds < (best.gap - tolerance)[:, None]
+                self._closer(discs, pieces, cells.times[k], stride, best, active)
+            bounds, gap = self.bounds(tubes, errors, pieces), best.gap[active]
+            known = np.where(np.isfinite(gap), gap, 0.0)
+            far = FAR_ACCURACY * (known - FAR * cells.first.Z[-1])
+            tolerance = np.maximum(np.maximum(far, NEAR_ACCURACY * known), accuracy)
+            unsettled = bounds < (gap - tolerance)[:, None]
             if not finer:
                 unsettled[:] = False
             settled = np.where(unsettled, np.inf, bounds).min(axis=1, initial=np.inf)
-            np.minimum(best.bound, settled, out=best.bound)
+            best.bound[active] = np.minimum(best.bound[active], settled)
             pieces = pieces[np.any(unsettled, axis=0)]
+            active = active[np.any(unsettled, axis=1)]
             if not len(pieces):
                 break
             pieces = self.divide(pieces, stride // finer, finer)
@@ -311,12 +318,19 @@ class _Search:
         return best
 
     def _closer(
-        self, discs: Tube, pieces: np.ndarray, times: np.ndarray, stride: int, best: Nearest
+        self,
+        discs: Tube,
+        pieces: np.ndarray,
+        times: np.ndarray,
+        stride: int,
+        best: Nearest,
+        cells: np.ndarray,
     ) -> None:
-        """Update the smallest gaps, and when and where they are."""
+        """Update the smallest gaps of some cells, and when and where they are."""
         gaps, places = self.at_discs(discs, pieces, stride)
         nearest = gaps.argmin(axis=1)
         value = gaps[np.arange(len(gaps)), nearest]
-        closer = value < best.gap
-        best.gap[closer], best.time[closer] = value[closer], times[closer]
-        best.places[closer, : places.shape[1]] = places[nearest[closer]]
+        closer = value < best.gap[cells]
+        to = cells[closer]
+        best.gap[to], best.time[to] = value[closer], times[to]
+        best.places[to, : places.shape[1]] = places[nearest[closer]]

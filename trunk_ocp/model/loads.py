@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +124,18 @@ def internal_force(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:
         + weight[:, None] * np.array([0.0, 0, 1])
         + contact_share(loads, trunk, Z)[:, None] * np.asarray(loads.contact_force)
     )
+
+
+def internal_forces(loads: Sequence[Loads], trunk: Trunk, Z: np.ndarray) -> np.ndarray:
+    """Internal forces (loads, n, 3) of several loads at once; see `internal_force`."""
+    tip, contact = (
+        np.reshape([getattr(load, name) for load in loads], (len(loads), 1, 3))
+        for name in ("tip_force", "contact_force")
+    )
+    share = np.reshape([contact_share(load, trunk, Z) for load in loads], (len(loads), Z.size, 1))
+    force = np.asarray(tip + share * contact)
+    force[..., 2] += np.multiply.outer([load.gravity for load in loads], mass_beyond(trunk, Z))
+    return force
 
 
 def couple_density(loads: Loads, trunk: Trunk, Z: np.ndarray) -> np.ndarray:

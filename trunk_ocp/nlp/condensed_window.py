@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -30,7 +30,7 @@ MAX_SETTLING = 8
 """Simplified Newton steps to equilibrium after a change of the controls."""
 MAX_RESIDUAL = 1.0
 """Beyond which simplified Newton steps are not worth trying."""
-SETTLED_TOL = 1e-7
+SETTLED_TOL = 1e-8
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
 
@@ -53,6 +53,11 @@ class QuadraticModel:
     rods : CondensedRods
     targets : sequence of (variables, steps, gradients, changes of gradients)
         Parts of the tracking cost, for `CondensedWindow.expected_forces`.
+    changes : (variables, C + 1)
+        Changes of controls, held directions and poses of targets by the local controls, and by the
+        Newton step that removes residuals.
+    newton : float
+        Share of that Newton step that a step takes: 1, or 0 where there are no residuals.
     """
 
     full: np.ndarray
@@ -64,6 +69,8 @@ class QuadraticModel:
     held_rest: np.ndarray
     rods: CondensedRods
     targets: Sequence[tuple[np.ndarray, ...]]
+    changes: np.ndarray
+    newton: float = 1.0
 
 
 def can_condense(window: Window) -> bool:
@@ -88,7 +95,7 @@ def layout_of(motion: Motion) -> Hashable:
         pull = None if step.pull is None else step.pull[1]
         limited = step.change.limited.tobytes()
         steps.append((step.duration, targets, pull, is_hung(step.loads), limited))
-    return motion.extension, tuple(steps)
+    return motion.extension, motion.spec.weights.symmetric, tuple(steps)
 
 
 def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
@@ -223,6 +230,7 @@ class CondensedWindow:
     def _equations(self, full: np.ndarray) -> RodEquationsAt:
         """The rods' equations at a decision vector, in which explicit variables are updated."""
         L, trunk = self._length, self._trunk
+        full[self.window.previous] = self.window.before
         x = full[self.x]
         strain = strains(trunk, x[:, :-2]) * np.array([1, L, L, L])
         full[self._strain] = strain
@@ -254,6 +262,20 @@ class CondensedWindow:
         full[self._q] = (self._of_states[:, None] @ states)[:, 0]
         full[self._r] = origin[t, 0] + np.einsum("ped,pedc->pc", self._of_rates, slopes[t])
 
+    def updated(self, full: np.ndarray) -> tuple[np.ndarray, float]:
+        """The decision vector with the variables updated that follow from others explicitly.
+
+        Such as those of a window of other loads or targets, or with its steps moved on. And the
+        largest residual of the rods' equations there.
+        """
+        full = full.copy()
+        at = self._equations(full)
+        rates = at.rates()
+        self._set_poses(full, rates)
+        for reference, D in zip(self._references, self.held, strict=True):
+            full[D] = self._direction(full, reference)[0]
+        return full, at.largest_residual(rates)
+
     def objective(self, full: np.ndarray) -> float:
         """Objective at a decision vector whose explicit variables are up to date."""
         goals = (float(values(f, full[v], p).sum()) for f, v, p, _ in self._goals)
@@ -270,7 +292,11 @@ class CondensedWindow:
 
     def moved(self, model: QuadraticModel, step: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Decision vector after a share of a step in z, to first order."""
-        rods, full, local = model.rods, model.full.copy(), self._local(step)[:, None, :, None]
+        rods, full, local = (
+            model.rods,
+            model.full.copy(),
+            self._local(model, step)[:, None, :, None],
+        )
         full[self.x] += share * step[: self.x.size].reshape(self.x.shape)
         full[self.held.ravel()] += share * step[self.x.size :]
         full[self._edges] += share * (rods.edges @ local)[..., 0]
@@ -352,7 +378,30 @@ class CondensedWindow:
         blocks[:, np.arange(n), np.arange(n)] += self._diagonal[1:]
         links = self._links[1:]
         return QuadraticModel(
-            full, objective + value, whole, blocks, links, rows, rest, rods, targets
+            full, objective + value, whole, blocks, links, rows, rest, rods, targets, changes
+        )
+
+    def recentered(self, model: QuadraticModel, full: np.ndarray) -> QuadraticModel:
+        """The model at a settled vector nearby: exact gradients of targets, all else as before.
+
+        For second-order corrections: a long step takes targets off by its square, which costs more
+        than all that the step gains, and one more step with the same matrices takes that back.
+        """
+        n, changes = self.x.shape[1], model.changes.copy()
+        changes[:, -1] = 0.0
+        objective, gradient, _, _, targets = self._tracking(full, changes)
+        value, by_controls = self._quadratic(full[self.x])
+        whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
+        rest = np.zeros_like(model.held_rest)
+        return replace(
+            model,
+            full=full,
+            objective=objective + value,
+            gradient=whole,
+            held_rest=rest,
+            targets=targets,
+            changes=changes,
+            newton=0.0,
         )
 
     def _changes(self, size: int, rods: CondensedRods, base_slope: np.ndarray) -> np.ndarray:
@@ -395,17 +444,17 @@ class CondensedWindow:
 
     def expected_forces(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
         """Derivatives (variables,) of the targets' cost after a step in z, by the model."""
-        forces, local = np.zeros(model.full.size), self._local(step)
+        forces, local = np.zeros(model.full.size), self._local(model, step)
         for variables, steps, slope, bent in model.targets:
             np.add.at(forces, variables, slope + (bent @ local[steps, :, None])[..., 0])
         return forces
 
-    def _local(self, step: np.ndarray) -> np.ndarray:
-        """A step in z by local controls of each time step, and 1: the Newton step, (H, C + 1)."""
+    def _local(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
+        """A step in z by local controls of each time step, and the Newton step, (H, C + 1)."""
         H = len(self.x)
         held = np.broadcast_to(step[self.x.size :], (H, self.held.size))
         return np.concatenate(
-            [step[: self.x.size].reshape(self.x.shape), held, np.ones((H, 1))], axis=1
+            [step[: self.x.size].reshape(self.x.shape), held, np.full((H, 1), model.newton)], axis=1
         )
 
     def _held_equations(

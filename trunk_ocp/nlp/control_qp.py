@@ -17,7 +17,11 @@ QP_TOL = 1e-9
 
 
 class QPError(ArithmeticError):
-    """A quadratic program was not solved, or has no feasible point."""
+    """A quadratic program was not solved."""
+
+
+class InfeasibleQPError(QPError):
+    """A quadratic program has no feasible point: bounds contradict each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +34,10 @@ class QPStep:
         Change of z.
     multipliers : (3 D,)
         Of the equations of held directions.
-    convex : bool
-        Whether the model was convex, so that the program is the model.
     """
 
     step: np.ndarray
     multipliers: np.ndarray
-    convex: bool
 
 
 class ControlQP:
@@ -98,12 +99,12 @@ class ControlQP:
 
         Raises
         ------
-        QPError
+        InfeasibleQPError, QPError
         """
-        blocks, is_convex = model.blocks, _is_convex(model.blocks, model.links)
-        if not is_convex:
+        blocks = model.blocks
+        if not _is_convex(blocks, model.links):
             blocks = _made_convex(blocks, model.links)
-        scale = 1 / np.abs(blocks).max()
+        scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)
@@ -125,10 +126,12 @@ class ControlQP:
         )
         status = solver.solve()
         result = solver.result
+        if status == piqp.PIQP_PRIMAL_INFEASIBLE:
+            raise InfeasibleQPError("the quadratic program has no feasible point")
         if status != piqp.PIQP_SOLVED:
             raise QPError(f"the quadratic program was not solved ({status})")
         multipliers = np.array(result.y) / scale if self._held else np.zeros(0)
-        return QPStep(np.array(result.x), multipliers, is_convex)
+        return QPStep(np.array(result.x), multipliers)
 
 
 def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..reporting import Progress, Reporter
-from .condensed_window import SETTLED_TOL, CondensedWindow, QuadraticModel
-from .control_qp import ControlQP, QPStep
+from .condensed_rods import IllConditionedError
+from .condensed_window import CondensedWindow, QuadraticModel
+from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
 from .ipopt import Optimizer
 from .outcome import (
     CONVERGED_STATUSES,
@@ -33,12 +34,18 @@ LABEL = ("horizon", "re-plan")
 MAX_ITERATIONS = 50
 MAX_HALVINGS = 6
 """Of a step that does not lower the objective, or after which rods find no equilibrium."""
+MAX_CORRECTIONS = 2
+"""Second-order corrections of a step."""
 DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
-ACCURACY_TOL = 1e-3
-"""The minimum of a convex model is a solution: the model's error there, over the objective."""
+POSITION_TOL = 1e-3
+"""The same in m of one target's error: others that are out of reach must not hide it."""
+ROUND_OFF = 1e-9
+"""Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
 SUFFICIENT_DECREASE = 1e-4
-STOPPED = "Maximum_Iterations_Exceeded"
+ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
+STUCK = "Error_In_Step_Computation"
+"""Messages, as Ipopt's; STUCK where the method does not apply, or makes no progress."""
 RESERVE = 1.2
 """Time that must be left for another iteration, over that of the last one."""
 
@@ -54,21 +61,21 @@ class SQPPoint:
         Of the equations of held directions.
     forces : (variables,) or None
         As in `CondensedWindow.model`.
+    residual : float
+        Of the equations at `full`, for the window that it was found for.
     """
 
     full: np.ndarray
     multipliers: np.ndarray
     forces: np.ndarray | None = None
+    residual: float = math.inf
 
 
 class ControlSQP:
     """Solves windows of one layout; see the module.
 
-    Raises
-    ------
-    IllConditionedError, QPError
-        `solve` raises them where the method does not apply: thin tips under load, bounds that
-        contradict each other. Ipopt may do better, or at least say why.
+    It does not apply to rods on which errors grow too much, such as thin tips under load, and may
+    make no progress far from a solution; Ipopt may do better then.
     """
 
     def __init__(self, window: Window) -> None:
@@ -96,47 +103,54 @@ class ControlSQP:
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
-        point = min(starts, key=lambda start: condensed.objective(start.full))
-        message, iteration, seconds = STOPPED, 0, 0.0
+        point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
-        for iteration in range(1, min(MAX_ITERATIONS, records.max_iterations) + 1):
+        most = min(MAX_ITERATIONS, records.max_iterations)
+        message, seconds = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK, 0.0
+        while len(history) < most:
             began = time.perf_counter()
-            if reporter.stop or (seconds and began + RESERVE * seconds > deadline):
+            if seconds and (reporter.stop or began + RESERVE * seconds > deadline):
                 message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
                 break
-            model = condensed.model(point.full, point.multipliers, point.forces)
-            x = model.full[condensed.x]
-            records.derivative_seconds += time.perf_counter() - began
-            violation = max(self._qp.violation(window, x), model.rods.residual)
-            history.append((model.objective, violation, math.nan))
-            _report(window, reporter, model.full, iteration - 1, violation)
-            feasible = violation <= FEASIBILITY_TOL
-            found = self._qp.solve(window, model, x)
-            expected = _change(model, found.step)
-            if feasible and -expected <= DECREASE_TOL * abs(model.objective):
+            try:
+                model = condensed.model(point.full, point.multipliers, point.forces)
+                records.derivative_seconds += time.perf_counter() - began
+                x = model.full[condensed.x]
+                held = float(np.abs(model.held_rest).max(initial=0.0))
+                point = replace(point, full=model.full, residual=max(model.rods.residual, held))
+                violation = max(self._qp.violation(window, x), point.residual)
+                _report(window, reporter, model.full, len(history), violation)
+                history.append((model.objective, violation, math.nan))
+                found = self._qp.solve(window, model, x)
+            except (IllConditionedError, QPError) as failure:
+                message = INFEASIBLE if isinstance(failure, InfeasibleQPError) else STUCK
+                break
+            feasible, expected = violation <= FEASIBILITY_TOL, _change(model, found.step)
+            if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
-            trial = self._accepted(condensed, model, found, expected if feasible else math.inf)
-            if trial is None:
+            asked = expected if feasible else math.inf
+            accepted = self._accepted(condensed, window, model, found, asked)
+            if accepted is None:
+                message = STUCK
                 break
-            point, error = trial
-            seconds = time.perf_counter() - began
-            if feasible and found.convex and error <= ACCURACY_TOL:
-                message = CONVERGED_STATUSES[0]
-                break
-        outcome = self._outcome(condensed, window, point, iteration, message)
+            point, seconds = accepted, time.perf_counter() - began
+        outcome = self._outcome(condensed, window, point, len(history), message)
         records.solve_seconds += time.perf_counter() - start
-        records.iterations += iteration
+        records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
 
     def _accepted(
-        self, condensed: CondensedWindow, model: QuadraticModel, found: QPStep, expected: float
-    ) -> tuple[SQPPoint, float] | None:
-        """The point after the largest share of a step that is accepted.
-
-        And the error of the model's objective there, relative; infinite after a part of the step.
+        self,
+        condensed: CondensedWindow,
+        window: Window,
+        model: QuadraticModel,
+        found: QPStep,
+        expected: float,
+    ) -> SQPPoint | None:
+        """The first point that is accepted: after the step, a corrected step, or a share of it.
 
         expected : change of the objective by the model, which the step must achieve in part;
             infinite if the step restores bounds, so that any is accepted.
@@ -147,13 +161,38 @@ class ControlSQP:
             full, residual = condensed.settled(moved, model.rods)
             if not residual <= FEASIBILITY_TOL:
                 continue
-            objective = condensed.objective(full)
-            most = SUFFICIENT_DECREASE * share * expected
-            if objective - model.objective <= most:
+            most = model.objective + SUFFICIENT_DECREASE * share * expected
+            if condensed.objective(full) <= most:
                 forces = condensed.expected_forces(model, share * found.step)
-                error = abs(objective - model.objective - expected) / abs(objective)
-                error = error if share == 1 else math.inf
-                return SQPPoint(full, found.multipliers, forces), error
+                return SQPPoint(full, found.multipliers, forces, residual)
+            if share == 1 and (point := self._corrected(condensed, window, model, full, most)):
+                return point
+        return None
+
+    def _corrected(
+        self,
+        condensed: CondensedWindow,
+        window: Window,
+        model: QuadraticModel,
+        full: np.ndarray,
+        most: float,
+    ) -> SQPPoint | None:
+        """The point after second-order corrections of a step that led to `full`.
+
+        None if its objective is not `most` or less.
+        """
+        for _ in range(MAX_CORRECTIONS):
+            again = condensed.recentered(model, full)
+            try:
+                found = self._qp.solve(window, again, full[condensed.x])
+            except QPError:
+                return None
+            full, residual = condensed.settled(condensed.moved(again, found.step), model.rods)
+            if not residual <= FEASIBILITY_TOL:
+                return None
+            if condensed.objective(full) <= most:
+                forces = condensed.expected_forces(again, found.step)
+                return SQPPoint(full, found.multipliers, forces, residual)
         return None
 
     def _outcome(
@@ -165,9 +204,18 @@ class ControlSQP:
         message: str,
     ) -> Outcome:
         full = point.full
-        violation = self._qp.violation(window, full[condensed.x])
-        objective = condensed.objective(full)
-        return Outcome(full, objective, max(violation, SETTLED_TOL), iterations, message)
+        violation = max(self._qp.violation(window, full[condensed.x]), point.residual)
+        return Outcome(full, condensed.objective(full), violation, iterations, message)
+
+
+def _updated(condensed: CondensedWindow, start: SQPPoint) -> tuple[SQPPoint, tuple[bool, float]]:
+    """A start for another window, and its rank, best first.
+
+    Objectives only compare where rods are in equilibrium; others may be far from it.
+    """
+    full, residual = condensed.updated(start.full)
+    rank = residual > FEASIBILITY_TOL, condensed.objective(full)
+    return replace(start, full=full, residual=residual), rank
 
 
 def _report(
@@ -192,6 +240,12 @@ def _record(
         outcome.infeasibility,
         tuple(history),
     )
+
+
+def _negligible(objective: float) -> float:
+    """Decrease of an objective that is not worth an iteration."""
+    objective = abs(objective)
+    return max(min(DECREASE_TOL * objective, POSITION_TOL**2), ROUND_OFF * objective)
 
 
 def _change(model: QuadraticModel, step: np.ndarray) -> float:

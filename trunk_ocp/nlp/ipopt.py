@@ -40,6 +40,8 @@ class Optimizer:
     ----------
     ipopt : mapping
         Options, such as those of `ipopt_options`.
+    warm : mapping
+        Options instead, of solves that start from multipliers; by default the same.
     deadline : float
         Time of `time.perf_counter()` at which a solve stops.
     iterations : int
@@ -55,6 +57,7 @@ class Optimizer:
     reporter: Reporter = field(default_factory=Reporter)
     ipopt: Mapping[str, Any] = field(default_factory=lambda: DEFAULT_OPTIONS, repr=False)
     deadline: float = math.inf
+    warm: Mapping[str, Any] | None = field(default=None, repr=False)
     iterations: int = 0
     setup_seconds: float = 0.0
     solve_seconds: float = 0.0
@@ -77,7 +80,7 @@ class Optimizer:
         start: np.ndarray,
         stage: str,
         detail: str,
-        multipliers: dict[str, ca.DM] | None = None,
+        multipliers: Mapping[str, ca.DM | np.ndarray] | None = None,
         return_last: bool = False,
     ) -> Outcome:
         """Minimize from a start vector; lack of convergence is reported, not raised.
@@ -90,7 +93,7 @@ class Optimizer:
         BaseException
             Whatever the reporter or a Ctrl-C handler raised during the solve.
         """
-        solver, watch = self._solver(window)
+        solver, watch = self._solver(window, bool(multipliers))
         began = time.perf_counter()
         with deferred_interrupts() as deferred:
             watch.prepare(window, stage, detail, self.reporter, self.deadline, deferred)
@@ -173,11 +176,13 @@ class Optimizer:
             np.asarray(lam_g).ravel(),
         )
 
-    def _solver(self, window: Window) -> tuple[ca.Function, _Watch]:
-        key = window.structure
+    def _solver(self, window: Window, again: bool = False) -> tuple[ca.Function, _Watch]:
+        """The solver of a window; `again` if it starts from multipliers."""
+        ipopt = self.warm if again and self.warm is not None else self.ipopt
+        key = (window.structure, ipopt is self.ipopt)
         if key not in self._ready:
             began = time.perf_counter()
-            options = {f"ipopt.{name}": value for name, value in self.ipopt.items()} | {
+            options = {f"ipopt.{name}": value for name, value in ipopt.items()} | {
                 "ipopt.linear_solver": self.linear_solver,
                 "ipopt.max_iter": self.max_iterations,
                 "print_time": False,

@@ -36,8 +36,22 @@ WARM_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
     "warm_start_mult_bound_push": 1e-9,
 }
 # A plan that has to leave a body starts outside the bounds on its gaps. A larger barrier parameter
-# takes half the iterations of the small one above, to the same optima.
-CONTACT_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {"mu_init": 1e-3}
+# and pushes take half the iterations of the small ones above, to the same optima.
+CONTACT_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
+    "mu_init": 1e-3,
+    "bound_push": 1e-3,
+    "bound_frac": 1e-3,
+}
+# A plan made again with a few more gaps, or wider ones, starts from the multipliers of the plan
+# before. With pushes as small as those of a re-plan, new rows take up to twice the iterations.
+AGAIN_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {
+    "warm_start_init_point": "yes",
+    "warm_start_bound_push": 1e-5,
+    "warm_start_bound_frac": 1e-5,
+    "warm_start_slack_bound_push": 1e-5,
+    "warm_start_slack_bound_frac": 1e-5,
+    "warm_start_mult_bound_push": 1e-5,
+}
 # For a plan that only serves as the start of another solve. It must be feasible all the same,
 # because candidates are compared by their objectives.
 ROUGH_OPTIONS: dict[str, Any] = DEFAULT_OPTIONS | {"tol": 1e-5, "constr_viol_tol": 1e-7}

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from .._support.wording import step_list
-from ..contact.exchange import Exchange
+from ..contact.exchange import MARGIN, Exchange
 from ..contact.gaps import Gap
 from ..contact.obstructions import obstructions, stuck_at_start
 from ..errors import InputError
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
 from ..problem.variants import refined_spec
+from ..rod.collocation import Mesh
 from .options import REFINEMENTS, TOO_COARSE, finer_mesh
 from .plan import Plan
 from .planning_run import PlanningRun
@@ -26,6 +27,9 @@ MAX_INSERTIONS = 2
 DETOUR, LEAST_ACTIVATION, LEAST_TURN = 2.0, 0.1, 0.05
 """Largest change on the way to a time step, over that of the plan without detour; and what is
 allowed at least: activation, and rad of a head angle."""
+NEARLY_CLEAR = 1e-3
+"""Collision at time steps with which gaps between them are looked at, too, over the trunk's length;
+1.75 mm for the elephant."""
 MAX_TIGHTENINGS = 8
 """How often gaps are widened."""
 MAX_TIGHTENING = 5e-3
@@ -40,7 +44,8 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
     matter once those at time steps are kept. A horizon that passes deep through a body between
     them gets additional time steps. Ends early where a plan does not converge.
     """
-    exchange = Exchange(run.motion, dict(run.gaps))
+    margin = MARGIN * run.motion.trunk.length
+    exchange = Exchange(run.motion, dict(run.gaps), margin=margin)
     stuck = {gap.body for gap in stuck_at_start(run.motion)}
     most = 0 if obstructions(run.motion) else MAX_INSERTIONS
     for insertions in range(most + 1):
@@ -52,9 +57,9 @@ def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
         run.optimizer.reporter.note(
             f"Planning again with {count} time steps instead of {before}, to get around bodies."
         )
-        exchange = Exchange(motion)
+        exchange = Exchange(motion, margin=margin)
         guess = interpolate_all(plan.motion, plan.trajectory, motion.times)
-        again = replace(run, start=None, checkpoint=None, gaps={})
+        again = replace(run, start=None, checkpoint=None, gaps={}, multipliers={})
         run = replace(again, motion=motion, lookahead=count, guess=guess, near=None)
         finer = run.run()
         if not finer.converged and not finer.cut_short:
@@ -71,40 +76,59 @@ def _exchanged(
     stuck : bodies that the trunk is in at the start, which no plan can change.
     """
     reporter, mesh, refinements = run.optimizer.reporter, plan.mesh, 0
-    limit = MAX_TIGHTENING * run.motion.trunk.length
-    clear_at_steps, tightenings = None, 0
+    limit, nearly = (x * run.motion.trunk.length for x in (MAX_TIGHTENING, NEARLY_CLEAR))
+    nearly_clear, tightenings = None, 0
     for _ in range(MAX_ROUNDS):
         if not plan.converged or run.stopped or len(plan.x) < len(run.motion.steps):
             break
-        if exchange.add(plan.x, plan.shape):
+        added = exchange.add(plan.x, plan.shape)
+        if added:
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
-        else:
-            between = [g for g in plan.gaps_between if g.step or g.body not in stuck]
-            if not exchange.too_small(between):  # then as the independent check will see them
-                between = [g for g in plan.clearance.between if g.step or g.body not in stuck]
+        if max(exchange.short.values(), default=0.0) <= nearly:
+            between = _between(plan, exchange, stuck, settled=not added)
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
-            if deep:
+            if deep and not added:
                 return plan, deep
             tightenings += 1
             ways = exchange.tighten(between) if tightenings <= MAX_TIGHTENINGS else []
             if ways:
-                clear_at_steps = clear_at_steps or plan
+                nearly_clear = nearly_clear or plan
                 steps = step_list([step + 1 for step in ways])
                 reporter.note(f"Planning again with wider gaps, to keep clear before {steps}.")
             elif plan.verification.too_coarse and refinements < REFINEMENTS:
                 refinements += 1
                 mesh = finer_mesh(run.motion, mesh)
                 reporter.note(TOO_COARSE.format(mesh.elements))
-            else:
+            elif not added:
                 break
-        next_run = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
-        near = plan.shape if plan.mesh == mesh else plan.shape.on(mesh)
-        again = replace(next_run, guess=plan.x, near=near).run()
-        if clear_at_steps is not None and not again.converged and not again.cut_short:
+        again = _with_rows(plan, run, exchange, mesh)
+        if nearly_clear is not None and not again.converged and not again.cut_short:
             wanted = "no plan was found with wider gaps, to keep clear between time steps"
-            return _with_reason(clear_at_steps, run, wanted), []
+            return _with_reason(nearly_clear, run, wanted), []
         plan = again
     return plan, []
+
+
+def _between(plan: Plan, exchange: Exchange, stuck: Collection[str], settled: bool) -> list[Gap]:
+    """Gaps between time steps that the plan may change.
+
+    settled : whether all gaps at time steps are kept. If those between them are as well, lower
+        bounds are as the independent check sees them.
+    """
+    between = [gap for gap in plan.gaps_between if gap.step or gap.body not in stuck]
+    if settled and not exchange.too_small(between):
+        between = [gap for gap in plan.clearance.between if gap.step or gap.body not in stuck]
+    return between
+
+
+def _with_rows(plan: Plan, run: PlanningRun, exchange: Exchange, mesh: Mesh) -> Plan:
+    """The plan made again on a mesh, with all rows known so far."""
+    near = plan.shape
+    if plan.mesh != mesh:
+        near = near.on(mesh)
+        run.multipliers.clear()
+    kept = replace(run, mesh=mesh, start=None, checkpoint=None, gaps=exchange.rows)
+    return replace(kept, guess=plan.x, near=near).run()
 
 
 def _with_reason(plan: Plan, run: PlanningRun, failure: str) -> Plan:

@@ -18,11 +18,11 @@ import numpy as np
 from .._support.arguments import check_arguments, real_array
 from .._support.blas_threads import one_thread
 from .._support.provenance import versions
-from ..contact.exchange import Exchange
+from ..contact.exchange import MARGIN, Exchange
 from ..contact.obstructions import obstructions
 from ..errors import InputError
 from ..nlp.ipopt import Optimizer
-from ..nlp.ipopt_options import CONTACT_OPTIONS, ROUGH_OPTIONS
+from ..nlp.ipopt_options import AGAIN_OPTIONS, CONTACT_OPTIONS, ROUGH_OPTIONS
 from ..nlp.size import check_size
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -97,8 +97,8 @@ def plan_motion(
         If the plan is not solved; the error has the plan.
     InputError
         If the lookahead is not a whole number of at least 1, the deadline not positive, `check`
-        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to another
-        plan.
+        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to
+        another plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
         as well.
@@ -115,7 +115,7 @@ def plan_motion(
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
-    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, solves=[], _ready={})
+    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, warm=AGAIN_OPTIONS, solves=[], _ready={})
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
@@ -128,14 +128,16 @@ def plan_motion(
         start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
     if motion.contact and start is not None and start.converged:
-        seed = Exchange(motion)  # saves a horizon without gaps
+        seed = Exchange(motion, margin=MARGIN * motion.trunk.length)  # saves a horizon without gaps
         seed.add(start.x, start.shape)
         run = replace(run, gaps=seed.rows, optimizer=avoiding if seed.count else optimizer)
     if run.stopped and start is not None:
         plan = _start_as_plan(start, run)
     else:
-        plan = run.run() if deferred else _refined(run.run(), run)
-        if motion.contact:
+        plan = run.run()
+        if not motion.contact and not deferred:
+            plan = _refined(plan, run)
+        elif motion.contact:  # looks at the mesh once gaps are kept
             plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
             if run.stopped and plan.collisions:
                 plan = _stopped(plan, run)

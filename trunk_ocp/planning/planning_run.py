@@ -16,6 +16,7 @@ from ..model.loads import Loads, vector
 from ..nlp.gap_rows import GapRow
 from ..nlp.ipopt import Optimizer
 from ..nlp.outcome import CONVERGED_STATUSES, FEASIBILITY_TOL, Outcome, rank
+from ..nlp.warm_start import Multipliers, as_start, multipliers_of
 from ..nlp.window import Window
 from ..problem.motion import Bounds, Motion, Step, allowed
 from ..problem.weights import Weights
@@ -50,6 +51,9 @@ class PlanningRun:
         Gaps that each time step (from 0) keeps.
     near : Shape, optional
         Shapes of the guess on the run's mesh, batch axis (steps,), from which equilibria are found.
+    multipliers : dict
+        Multipliers of windows of several steps by their first step (from 0): those of the last run
+        on the same mesh with the guess as its plan, replaced by those of this run.
     """
 
     motion: Motion
@@ -63,6 +67,7 @@ class PlanningRun:
     guess: np.ndarray | None = None
     gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
     near: Shape | None = None
+    multipliers: dict[int, Multipliers] = field(default_factory=dict)
 
     @property
     def controls(self) -> int:
@@ -135,6 +140,17 @@ class PlanningRun:
     def _solve(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
         return self.optimizer.solve(window, self.packed(window, x), self.mode, detail)
 
+    def _solve_again(self, window: Window, x: np.ndarray, detail: str) -> Outcome:
+        """Solve from the optimum `x` of nearly the same window, if its multipliers are known."""
+        known = self.multipliers.get(window.offset)
+        if known is not None and self.near is not None:
+            full = window.pack(x, self.near[window.offset : window.offset + len(x)])
+            start = as_start(window, known)
+            outcome = self.optimizer.solve(window, full, self.mode, detail, start)
+            if outcome.converged or outcome.stopped:
+                return outcome
+        return self._solve(window, x, detail)
+
     def packed(self, window: Window, x: np.ndarray) -> np.ndarray:
         """Decision vector of a window from its controls, within bounds, rods in equilibrium."""
         boxes = [step.box for step in window.steps]
@@ -174,7 +190,8 @@ class PlanningRun:
             reached = best is not None and converged and window.reached(best.full)
             if number >= self.options.starts and (reached or number > 1):
                 break
-            outcome = self._solve(window, x, f"{detail}, from the {label}")
+            solve = self._solve if number else self._solve_again
+            outcome = solve(window, x, f"{detail}, from the {label}")
             converged |= outcome.converged
             if best is None or rank(outcome) < rank(best):
                 best = outcome
@@ -182,6 +199,9 @@ class PlanningRun:
                 break
         if best is None:
             raise AssertionError("every window has a start")
+        self.multipliers.pop(first, None)
+        if self.motion.contact and best.multipliers:
+            self.multipliers[first] = multipliers_of(window, best)
         # A start that no solve improves on counts as converged once some solve has converged.
         return window, replace(best, message=CONVERGED_STATUSES[0]) if converged else best
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -17,13 +18,11 @@ from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
 from ..contact.exchange import rows_for
 from ..errors import InputError
-from ..nlp.condensed_rods import IllConditionedError
 from ..nlp.condensed_window import can_condense, layout_of
-from ..nlp.control_qp import QPError
-from ..nlp.control_sqp import ControlSQP, SQPPoint
+from ..nlp.control_sqp import STUCK, ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
-from ..nlp.outcome import Outcome
+from ..nlp.outcome import FEASIBILITY_TOL, Outcome
 from ..nlp.window import Window
 from ..problem.motion import Motion
 from ..reporting import Reporter
@@ -105,9 +104,11 @@ class Replanner:
         Threads take turns. Each re-plan starts from the newest one, or the last one that reached
         its targets, whichever is better now. One that runs out of time or iterations returns its
         newest iterate, whose rods are in equilibrium and within bounds, with status TIME_LIMIT or
-        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Gaps from bodies
-        are kept where the plan of the constructor keeps them; a plan that comes too close elsewhere
-        has the status COLLIDING.
+        ITERATION_LIMIT; the last of `solves` has its objective and infeasibility. Where SQP fails,
+        Ipopt takes over, unless there is a deadline: it needs tenths of a second to begin.
+
+        Gaps from bodies are kept where the plan of the constructor keeps them; a plan that comes
+        too close elsewhere has the status COLLIDING.
 
         Parameters
         ----------
@@ -156,14 +157,17 @@ class Replanner:
         solve, derivatives = optimizer.solve_seconds, optimizer.derivative_seconds
         window = self._window_of(motion)
         if advance:
-            self._newest = _Point(window.advanced(self._newest.full, advance))
+            same = self._newest is self._reached
+            self._reached = _advanced(window, self._reached, advance)
+            self._newest = self._reached if same else _advanced(window, self._newest, advance)
         self._newest, outcome = self._by_any(window, ends)
         if outcome.converged and window.reached(outcome.full):
             self._reached = self._newest
         state = DecidedSteps()
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
-        plan = run.plan(state, settled=self._newest.multipliers is None)
+        settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
+        plan = run.plan(state, settled=settled or outcome.late)  # equilibria may take seconds
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
@@ -183,14 +187,17 @@ class Replanner:
         full = self._reached.full
         if self._sqp is not None:
             starts = [point.sqp or self._sqp.start(point.full) for point in self._starts]
-            try:
+            outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
+            if outcome.message == STUCK and found.residual > FEASIBILITY_TOL:
+                # Loads or stiffness changed too much for Newton's method: equilibria come first.
+                run = self._run(window.motion)
+                full = run.packed(window, window.controls_of(found.full))
+                starts = [self._sqp.start(full)]
                 outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
-                used_up = outcome.iterations == self._optimizer.max_iterations
-                if outcome.converged or outcome.stopped or used_up:
-                    return _Point(found.full, found), outcome
-                full = found.full
-            except (IllConditionedError, QPError):
-                pass  # Ipopt may do better, or at least says which bounds are violated
+            done = outcome.converged or outcome.stopped
+            if done or math.isfinite(ends) or outcome.iterations == self._optimizer.max_iterations:
+                return _Point(found.full, found), outcome
+            full = found.full  # with time, Ipopt may do better, or says which bounds are violated
         last = self._reached.multipliers
         outcome = self._optimizer.solve(window, full, "horizon", "re-plan", last, return_last=True)
         return _Point(outcome.full, None, outcome.multipliers), outcome
@@ -249,3 +256,12 @@ class Replanner:
         self.__dict__.update(state, _lock=threading.RLock())
         self._window = self._new_window(self._motion)
         self._sqp = ControlSQP(self._window) if can_condense(self._window) else None
+
+
+def _advanced(window: Window, point: _Point, count: int) -> _Point:
+    """The point whose steps are those `count` later, and what is known of them."""
+    full, sqp = window.advanced(point.full, count), point.sqp
+    if sqp is not None:
+        forces = None if sqp.forces is None else window.advanced(sqp.forces, count)
+        sqp = replace(sqp, full=full, forces=forces)
+    return _Point(full, sqp)

@@ -6,8 +6,8 @@ is cut into short intervals, each a single step of the eighth-order method of Do
 of them are integrated together, and Newton's method closes the gaps between them, with the pose at
 the base and m(L) = 0 at the tip (multiple shooting: Ascher, Mattheij & Russell 1995, chapter 4).
 The planned shape is only its start. Intervals are halved until the method's own estimate of its
-error is small everywhere. The tangents of Newton's method come from a fourth-order step: they
-decide how fast the gaps close, not whether they are closed.
+error is small everywhere. The tangents of Newton's method come from a step of the fifth-order
+method: they decide how fast the gaps close, not whether they are closed.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.integrate import DOP853
+from scipy.integrate import DOP853, RK45
 from scipy.spatial.transform import Rotation
 
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import Trunk
-from ..model.loads import Loads, internal_force
+from ..model.loads import Loads, internal_forces
 from ..rod.linear_bvp import solve_linear_bvp
 from ..rod.shape import Shape
 from .independent_rod import Rods, Sections, Trajectory, base_frames, jumps_of, packed, unpacked
@@ -47,8 +47,6 @@ EIGHTH, DENSE = 12, 16
 _A = np.zeros((DENSE, DENSE))
 _A[:EIGHTH, :EIGHTH], _A[EIGHTH, :EIGHTH], _A[EIGHTH + 1 :] = DOP853.A, DOP853.B, DOP853.A_EXTRA
 _C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
-_RK4_A = np.array([[0, 0, 0, 0], [0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 1.0, 0]])
-_RK4_B, _RK4_C = np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1])
 
 
 def equilibria(
@@ -138,7 +136,7 @@ class _TwoPoint:
         row_loads = [load for load in loads for _ in range(K)]
         rods = Rods(trunk, np.repeat(x[:, :-2], K, axis=0), row_loads, left + self.h / 2)
         self.sections = rods.sections(left + _C[:, None] * self.h)
-        self.rk4_sections = rods.sections(left + _RK4_C[:, None] * self.h)
+        self.rough_sections = rods.sections(left + RK45.C[:, None] * self.h)
         self.d, self.m = shape.frames(nodes)
         self.r0, self.d[:, 0] = base_frames(trunk, x[:, -2:])
         self.m[:, -1] = 0.0
@@ -196,7 +194,7 @@ class _TwoPoint:
     def _tangents(self) -> np.ndarray:
         """Derivatives (H, K, 6, 6) of turn and moment at the right ends by those at the left.
 
-        Of steps of the classical fourth-order method, from six states that differ a little.
+        From steps of the fifth-order method and six states that differ a little.
         """
         H, K = len(self.m), self.nodes.size - 1
         y = np.repeat(self.starts, 7, axis=1)
@@ -204,9 +202,9 @@ class _TwoPoint:
         for i in range(3):
             rows[:, :3, 1 + i] += NUDGE * np.cross(np.eye(3)[i], rows[:, :3, 0], axisb=1, axisc=1)
             rows[i, 3, 4 + i] += NUDGE * self.unit[-1, 0]
-        changes = np.empty((len(_RK4_A), *y.shape))
-        _fill(changes, range(len(_RK4_A)), y, self.h, self.rk4_sections, _RK4_A)
-        _, d, m = unpacked((y + _weighted(_RK4_B, changes)).reshape(15, 7, H, K))
+        changes = np.empty((len(RK45.A), *y.shape))
+        _fill(changes, range(len(RK45.A)), y, self.h, self.rough_sections, RK45.A)
+        _, d, m = unpacked((y + _weighted(RK45.B, changes)).reshape(15, 7, H, K))
         turn = np.cross(d[0], d[1:]).sum(axis=3) / 2
         change = np.concatenate([turn, (m[1:] - m[0]) / self.units[1:, None]], axis=3)
         return np.moveaxis(change / NUDGE, 0, -1)
@@ -303,7 +301,7 @@ class _Growth:
         zeta_hat, u_hat = intrinsic_strain(trunk, activation, Z)
         mean = mean_extension(trunk, strains(trunk, activation))[:, None]
         K = stiffness(trunk, Z)
-        N = np.array([np.linalg.norm(internal_force(load, trunk, Z), axis=1) for load in loads])
+        N = np.linalg.norm(internal_forces(loads, trunk, Z), axis=2)
         u = u_hat + shape.moment(Z) * mean[..., None] ** 2 / K[:, 1:]
         pull = N * (1 + N * mean / K[:, 0]) * mean**2 / K[:, 1]
         rates = np.abs(zeta_hat) * (np.linalg.norm(u, axis=2) + np.sqrt(np.abs(pull)))

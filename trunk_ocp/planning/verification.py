@@ -15,7 +15,7 @@ import numpy as np
 from .._support.blas_threads import one_thread
 from ..model.activation import mean_extension, stiffness, strains
 from ..model.anatomy import Trunk
-from ..model.loads import Loads, internal_force
+from ..model.loads import Loads, internal_forces
 from ..problem.motion import Motion, allowed
 from ..rod.shape import Shape
 from .independent_rod import Trajectory, integrate
@@ -316,8 +316,7 @@ def _independent(
 def _stretch(trunk: Trunk, x: np.ndarray, loads: Sequence[Loads], path: Trajectory) -> np.ndarray:
     """Smallest and largest zeta / zeta_hat (H, 2) along paths."""
     mean = mean_extension(trunk, strains(trunk, x[:, :-2]))[:, None]
-    force = np.reshape([internal_force(load, trunk, path.Z) for load in loads], path.position.shape)
-    n3 = np.sum(force * path.directors[:, :, 2], axis=2)
+    n3 = np.sum(internal_forces(loads, trunk, path.Z) * path.directors[:, :, 2], axis=2)
     stretch = 1 + n3 * mean / stiffness(trunk, path.Z)[:, 0]
     return np.stack([stretch.min(axis=1), stretch.max(axis=1)], axis=1)
 

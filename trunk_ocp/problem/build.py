@@ -108,8 +108,8 @@ def build_motion(spec: ProblemSpec, anatomy: AnatomySpec, trunk: Trunk | None = 
     InputError
         For faults that only show in the two together: unknown muscles, points off the trunk,
         directions held from a step that is not earlier, two solids of one name, a start that
-        collapses a segment; if both sides shall contract alike in a motion that is not its own mirror
-        image.
+        collapses a segment; if both sides shall contract alike in a motion that is not its own
+        mirror image.
     """
     trunk = trunk or build_trunk(anatomy)
     motion = _built(spec, anatomy, trunk)

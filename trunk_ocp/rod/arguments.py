@@ -26,32 +26,39 @@ def check_controls(
     trunk: Trunk,
     activation: np.ndarray,
     head: np.ndarray | tuple[float, float],
-    allow_collapse: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Activations (..., muscles) and head angles (..., 2) as float arrays.
-
-    allow_collapse : whether activations that collapse a segment may pass.
 
     Raises
     ------
     InputError
         For wrong shapes, values that are not finite, or an activation that collapses a segment.
     """
-    activation = check_activation(trunk, activation)
-    head = real_array(head, "head")
+    activation, head = _check_values(trunk, activation, head)
+    _check_extension(strains(trunk, activation)[..., 0])
+    return activation, head
+
+
+def _check_values(
+    trunk: Trunk, activation: np.ndarray, head: np.ndarray | tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    activation, head = check_activation(trunk, activation), real_array(head, "head")
     if head.shape[-1:] != (2,) or not np.all(np.isfinite(head)):
         raise InputError("head: expected finite angles (psi_Z, psi_Y), shape (..., 2).")
     if np.abs(head).max(initial=0.0) > FULL_TURN:
         raise InputError(f"head: expected radians, got {np.abs(head).max():g}; is that in degrees?")
-    zeta = strains(trunk, activation)[..., 0]
-    if np.any(zeta <= 0) and not allow_collapse:
+    return activation, head
+
+
+def _check_extension(zeta: np.ndarray) -> None:
+    """Raise InputError if an extension zeta (..., segments) is not above 0."""
+    if np.any(zeta <= 0):
         worst = np.unravel_index(np.argmin(zeta), zeta.shape)[:-1]
         which = f"[{', '.join(map(str, worst))}]" if worst else ""
         raise InputError(
             f"activation{which}: contracts a segment to {zeta.min():.3g} of its length; "
             "the extension must stay above 0."
         )
-    return activation, head
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +90,10 @@ class Controls:
 
         strict : whether an activation that collapses a segment raises InputError.
         """
-        activation, head = check_controls(trunk, activation, head, not strict)
+        activation, head = _check_values(trunk, activation, head)
+        strain = strains(trunk, activation)
+        if strict:
+            _check_extension(strain[..., 0])
         axes = [activation.shape[:-1], head.shape[:-1], *([shapes] if shapes else [])]
         try:
             batch = np.broadcast_shapes(*axes)
@@ -95,7 +105,8 @@ class Controls:
         count, muscles = math.prod(batch), activation.shape[-1]
         gamma = np.broadcast_to(activation, (*batch, muscles)).reshape(count, muscles)
         psi = np.broadcast_to(head, (*batch, 2)).reshape(count, 2)
-        strain = np.ascontiguousarray(strains(trunk, gamma))
+        strain = np.broadcast_to(strain, (*batch, *strain.shape[-2:]))
+        strain = strain.reshape(count, *strain.shape[-2:]).copy()
         mean, collapsed = mean_extension(trunk, strain), np.any(strain[..., 0] <= 0, axis=1)
         return cls(batch, gamma, psi, strain, mean, np.asarray(collapsed))
 

@@ -36,7 +36,7 @@ from .._support.arguments import check_arguments
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.anatomy import check_activation
-from ..model.loads import Loads, internal_force, lever_density
+from ..model.loads import Loads, internal_force, internal_forces, lever_density
 from .collocation import Mesh, gauss
 from .equations import loaded_extension
 from .shape import Shape
@@ -116,7 +116,7 @@ def all_stable(shape: Shape, activation: np.ndarray, loads: Loads | Sequence[Loa
     """
     Z = shape.mesh.points.ravel()
     activations, each, which = matched(shape, activation, loads)
-    forces = np.array([internal_force(load, shape.trunk, Z) for load in each])[which]
+    forces = internal_forces(each, shape.trunk, Z)[which]
     levers = np.array([lever_density(load, shape.trunk, Z) for load in each])[which]
     parts = integrand(shape, activations, forces, levers)
     return _ElementChain.of(shape.mesh, *parts).all_above(NEUTRAL_MARGIN)

@@ -6,14 +6,10 @@ Marching from base to tip carries only four directions of the state (Schloeder's
 Plitt 1984; Schloeder 1988): the three of m(0), and one for the gaps between steps. So a Newton
 step costs as little as in single shooting, and converges from as far away as collocation does.
 
-The rod's equations and their derivatives are translated from the instructions of
-`equations.rates`, so that they are written once. Two kernels need a few of its terms alone and
-repeat them: `_unloaded`, and `_least_stretch` with the strain law of eq. (15). Numba cannot call
-CasADi, nor take slices as constants: 0-3 are q, 4-6 m and 7-9 r, as in `equations`.
-
-Four rods, or four groups of tangents of one rod, go side by side in the lanes of vector registers.
-All numbers of a step are in one array, by component and lane: LLVM sees that nothing overlaps, and
-makes vector instructions of the loops over lanes. What one lane holds never depends on the others.
+Four rods, or four groups of tangents of one rod, go side by side in the lanes of vector registers;
+see `step_source`, where the rod's equations come from. Two kernels need a few of their terms alone
+and repeat them: `_unloaded`, and `_least_stretch` with the strain law of eq. (15). Numba cannot
+take slices as constants: 0-3 are q, 4-6 m and 7-9 r, as in `equations`.
 
 Loops are written out because numba then allocates nothing; calls on small arrays would take
 longer than their arithmetic.
@@ -23,35 +19,31 @@ from __future__ import annotations
 
 import inspect
 import math
-import re
 import sys
 from typing import Any
 
-import casadi as ca
 import numba
 import numpy as np
 
-from .._support.casadi_to_python import python_source
 from .._support.compiled import compiler
-from .dormand_prince import STAGES, A, B, C
-from .equations import ARGUMENTS, MEAN, PARAMETERS, RATES, STATES, STRAINS, rate_arguments, rates
-
-LANES = 4
-COLUMNS = 4  # tangents marched together
-VARIED = STATES + STRAINS  # the arguments that tangents vary
-PATH = RATES  # q, m, r at a step's edge
-NUMBERS = PATH * (1 + COLUMNS)  # at an edge: the path, then its tangents
-
-# Places in the array of a step, in numbers of LANES each.
-STAGE = 0  # the path and its tangents at a stage
-STRAIN = STAGE + NUMBERS  # arguments of `rates` beside the state: strains, mean, tip force
-POINT = STRAIN + ARGUMENTS - STATES  # its parameters
-TURNED = POINT + PARAMETERS  # derivatives of strains and mean, by columns
-RATE = TURNED + COLUMNS * STRAINS  # rates of the path and of its tangents
-START = RATE + NUMBERS  # the path and its tangents where the step starts
-KEPT = START + NUMBERS  # rates at all stages
-SIZE = KEPT + STAGES * NUMBERS
-NODES = C
+from . import step_source
+from .dormand_prince import STAGES
+from .dormand_prince import C as NODES
+from .equations import PARAMETERS, STATES, STRAINS
+from .step_source import (
+    COLUMNS,
+    KEPT,
+    LANES,
+    NUMBERS,
+    PATH,
+    POINT,
+    RATE,
+    SIZE,
+    STAGE,
+    START,
+    STRAIN,
+    TURNED,
+)
 
 MAX_ITERATIONS = 25
 STEP_TOL = 1e-4  # on the last Newton step, relative; the error after it is its square
@@ -67,61 +59,15 @@ _OPTIONS: dict[str, Any] = {
     "fastmath": {"reassoc", "contract", "nsz", "arcp"},
 }
 
-
-def _source() -> str:
-    """Source of `directional_rates` and `combine`, whose argument is the array of a step.
-
-    The first sets the rates and their derivatives along the tangents, from all else at a stage. The
-    second sets stage s, the start plus h times a weighted sum of the rates before; s = STAGES is
-    the end of the step.
-    """
-    (w, p), D = rate_arguments(), ca.SX.sym("D", VARIED, COLUMNS)
-    value = rates()(w, p)
-    along = ca.densify(ca.mtimes(ca.jacobian(value, w)[:, :VARIED], D))
-    function = ca.Function("directional_rates", [w, p, D], [value, along])
-    _, *body = python_source(function, "directional_rates").splitlines()
-    lines = ["def directional_rates(b):", f"    for lane in range({LANES}):"]
-    lines += ["    " + re.sub(r"([io])(\d)\[(\d+)\]", _place, line) for line in body]
-    lines += ["def combine(b, s, h):"]
-    for s, weights in enumerate((*A, B)):
-        terms = [
-            f"{float(weight)!r} * b[{LANES * (KEPT + j * NUMBERS)} + i]"
-            for j, weight in enumerate(weights)
-            if weight
-        ]
-        lines += [
-            f"    if s == {s}:",
-            f"        for i in range({LANES * NUMBERS}):",
-            f"            b[{LANES * STAGE} + i] = b[{LANES * START} + i]"
-            + (f" + h * ({' + '.join(terms)})" if terms else ""),
-        ]
-    return "\n".join(lines)
-
-
-def _place(match: re.Match[str]) -> str:
-    """Where the array of a step has an argument (i) or result (o) of `directional_rates`."""
-    kind, entry = match[1] + match[2], int(match[3])
-    column, row = divmod(entry, VARIED)
-    place = {
-        "i0": STAGE + entry if entry < STATES else STRAIN + entry - STATES,
-        "i1": POINT + entry,
-        "i2": STAGE + PATH * (1 + column) + row
-        if row < STATES
-        else TURNED + STRAINS * column + row - STATES,
-        "o0": RATE + entry,
-        "o1": RATE + PATH + entry,
-    }[kind]
-    return f"b[{LANES * place} + lane]"
-
-
-_SOURCE = _source()
+_SOURCE = step_source.python()
 _namespace: dict[str, Any] = {}
 exec(_SOURCE, _namespace)  # source made just above
 
 # Kernels have a copy of all that they call. Otherwise functions that two of them call would come
 # from whichever was loaded first, and last digits would depend on that.
 _compile: Any = numba.njit(forceinline=True, **_OPTIONS)
-_kernel: Any = compiler(inspect.getsource(sys.modules[__name__]) + _SOURCE, _OPTIONS)
+_TEXT = inspect.getsource(sys.modules[__name__]) + inspect.getsource(step_source) + _SOURCE
+_kernel: Any = compiler(_TEXT, _OPTIONS)
 directional_rates, combine = map(_compile, (_namespace["directional_rates"], _namespace["combine"]))
 
 
@@ -154,8 +100,10 @@ def _newton(edges, active, fraction, b, points, h, strain, segment, floor):
     an edge per unit of dm1, dm2, dm3 (the change of m(0)), and for the last, the change that
     closes all gaps up to there.
     """
-    n, moving, step = h.size, active.copy(), np.zeros((COLUMNS, LANES))
+    n, step, moving = h.size, np.zeros((COLUMNS, LANES)), np.empty(LANES, dtype=np.bool_)
     turn, moment, largest = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+    for lane in range(LANES):
+        moving[lane] = active[lane]
     for i in range(LANES * COLUMNS * STRAINS):
         b[LANES * TURNED + i] = 0.0
     for i in range(LANES * PATH, LANES * NUMBERS):
@@ -298,8 +246,10 @@ def _raise_load(paths, edges, reached, b, points, h, strain, segment, floor):
     First all at once; then in steps, as `continuation.raise_load` does. Sets the share of the load
     that is reached, (4,).
     """
-    ahead, target = np.full(LANES, 2 * FIRST_LOAD_STEP), np.ones(LANES)
-    active, left = np.ones(LANES, dtype=np.bool_), True
+    ahead, target = np.empty(LANES), np.empty(LANES)
+    active, left = np.empty(LANES, dtype=np.bool_), True
+    for lane in range(LANES):
+        ahead[lane], target[lane], active[lane] = 2 * FIRST_LOAD_STEP, 1.0, True
     while left:
         _newton(edges, active, target, b, points, h, strain, segment, floor)
         left = False
@@ -348,6 +298,13 @@ def _mix(edges, e, i, t):
 
 
 @_compile
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@_compile
 def _copy_in(path, edges, lane):
     for e in range(path.shape[0]):
         for i in range(PATH):
@@ -378,11 +335,14 @@ def loaded_paths(paths, starts, mean, points, h, strain, segment, floor, reached
         for lane in range(LANES):
             rod = min(first + lane, last)
             _copy_in(paths[rod], edges, lane)
-            four[lane], strains[lane], share[lane] = starts[rod], strain[rod], 0.0
+            _copy(starts[rod], four[lane])
+            _copy(strain[rod], strains[lane])
+            share[lane] = 0.0
             b[LANES * (STRAIN + 4) + lane] = mean[rod]
         _raise_load(four, edges, share, b, points, h, strains, segment, floor)
         for lane in range(min(LANES, last + 1 - first)):
-            paths[first + lane], reached[first + lane] = four[lane], share[lane]
+            _copy(four[lane], paths[first + lane])
+            reached[first + lane] = share[lane]
 
 
 @_kernel
@@ -390,7 +350,8 @@ def tangent_paths(paths, mean, points, h, strain, segment, base_slopes, T, gap):
     """Tangents T (B, groups, n + 1, 4, 10) along converged paths (B, n + 1, 10).
 
     The groups of four columns: m(0) and the mean extension; both head angles, by
-    `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains. A lane has a group.
+    `base_slopes` (B, 2, 10), and two of zeros; then each segment's four strains. One group per
+    lane.
     gap : (B,), set to the largest mismatch in q between a step's end and the path: the error of a
     step.
     """

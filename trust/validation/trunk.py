@@ -186,7 +186,7 @@ CASES = (
     CoveredByTest(
         SUBJECT,
         "The integrator that verifies every plan",
-        "LSODA and Radau on the independent implementation",
-        "tests/planning/test_verification.py::test_it_agrees_with_a_third_integrator",
+        "LSODA on the independent implementation",
+        "tests/planning/test_verification.py::test_the_equilibria_of_the_check_are_those_of_a_third_integrator",
     ),
 )
