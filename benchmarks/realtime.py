@@ -324,7 +324,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "results", help="folder of realtime.md")
     options = parser.parse_args()
     began, load = time.perf_counter(), os.getloadavg()[0]
-    figures: Figures = {"load": load, "idle": measured(options.quick)}
+    figures: Figures = {"quick": options.quick, "load": load}
+    figures["idle"] = measured(options.quick)
     repeats = 1 if options.quick else 5
     figures["shapes"] = progress("shapes", lambda: compiled_shapes(repeats))
     figures["start"] = progress("start", lambda: start_up(repeats))

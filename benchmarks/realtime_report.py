@@ -60,11 +60,12 @@ def named(idle: Figures, busy: Figures | None) -> list[tuple[str, Figures]]:
 def introduction(figures: Figures) -> str:
     about, installed = machine(), versions()
     packages = ", ".join(f"{name} {installed[name]}" for name in ("casadi", "numpy", "numba"))
+    quick = " **Few targets, for a quick look.**" if figures["quick"] else ""
     quiet = "" if figures["load"] < BUSY_LOAD else " **Other programs ran at the same time.**"
     return (
         f"`make realtime` on {about['cores']} cores of {about['processor']}, Python "
         f"{about['python']}, {packages}; {figures['seconds']:.0f} s. Load average before: "
-        f"{figures['load']:.1f}.{quiet}"
+        f"{figures['load']:.1f}.{quiet}{quick}"
     )
 
 
