@@ -4,8 +4,8 @@
     python examples/track_moving_target.py --deadline 0.01  # less: plans are worse, but there
 
 At every tick, the target's place is measured, and where it will be is extrapolated from the last
-three places. From the current activations, a `Replanner` plans the next 0.4 s in steps of 0.05 s, and the
-first step is carried out. No activation may change by more than 0.15 a step. Draws
+three places. From the current activations, a `Replanner` plans the next 0.4 s in steps of 0.05 s,
+and the first step is carried out. No activation may change by more than 0.15 a step. Draws
 track-moving-target.png.
 """
 
@@ -24,8 +24,8 @@ from matplotlib.figure import Figure
 import trunk_ocp as to
 
 TIP = 1.75  # m
-TICK, STEPS, END = 0.05, 8, 5.0  # s
-LEAVES, RETURNS, AWAY = 1.6, 3.8, np.array([1.6, 0.4, -0.9])  # s, m: flies off, beyond reach
+TICK, STEPS, END = 0.05, 8, 4.5  # s
+LEAVES, RETURNS, AWAY = 0.9, 3.1, np.array([1.6, 0.4, -0.9])  # s, m: flies off, beyond reach
 NEAR = 0.01  # m, a plan whose first step comes closer than that to the target reaches it
 
 
@@ -85,12 +85,12 @@ def motion() -> to.Motion:
     return to.Motion.build("track", [phase], bounds=bounds)
 
 
-def track(deadline: float) -> list[Tick]:
+def track(deadline: float, until: float = END) -> list[Tick]:
     """Run the loop."""
     plan = to.plan_motion(motion(), throw=False)  # from rest, which misses its first steps
     replan = to.Replanner(plan)
     ticks = []
-    for t in TICK * np.arange(1, round(END / TICK)):
+    for t in TICK * np.arange(1, round(until / TICK)):
         now = plan.x[0]  # activations and head angles by now: as planned, or as measured
         began = time.perf_counter()
         moved = plan.motion.retarget(path=ahead(t))
@@ -174,9 +174,10 @@ def main() -> None:
     """Run the loop, report and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--deadline", type=float, default=0.03, help="of each plan, in s")
+    parser.add_argument("--until", type=float, default=END, help="time in s to stop at")
     parser.add_argument("--out", type=Path, default=Path("out/track-moving-target"))
     arguments = parser.parse_args()
-    ticks = track(arguments.deadline)
+    ticks = track(arguments.deadline, arguments.until)
     print(report(ticks))
     picture = arguments.out / "track-moving-target.png"
     draw(ticks, picture)
