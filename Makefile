@@ -10,7 +10,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 TESTS := --numprocesses=2 --dist=worksteal
 
 .PHONY: help venv motion pictures results test test-fast test-oldest coverage lint docs frameworks trust \
-  study examples bench contact schema lock clean
+  study examples bench realtime contact schema lock clean
 
 help:  ## List these targets.
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -68,12 +68,16 @@ trust: venv  ## Try to make it fail: damaged files, interrupts, extreme trunks. 
 study: venv  ## What foresight is worth: results/foresight, and docs/foresight.md from it.
 	$(ONE_THREAD) $(BIN)/python -m study.run $(STUDY)
 
-examples: venv  ## The exported trunk in a control loop.
+examples: venv  ## Two control loops: with the exported trunk, and with re-plans.
 	PATH="$(BIN):$$PATH" $(BIN)/python examples/follow_target.py
+	$(ONE_THREAD) $(BIN)/python examples/track_moving_target.py
 
 bench: venv  ## Compare speed and accuracy with other programs, in 22 minutes; BENCH=--quick for 3.
 	$(BIN)/python $(PIP) exudyn nlopt pyelastica PyNomadBBO
 	$(BIN)/python -m benchmarks.run $(BENCH)
+
+realtime: venv  ## Whether the planner fits in a control loop: results/realtime.md, in 6 minutes.
+	$(ONE_THREAD) $(BIN)/python -m benchmarks.realtime --busy $(REALTIME)
 
 contact: venv  ## What contact costs in each motion: results/contact.md.
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.contact

@@ -148,9 +148,13 @@ def test_steps_that_moved_on_are_updated_to_the_plan_of_later_controls():
     motion = motion.with_spec(motion.spec.model_copy(update={"phases": (phase,)}))
     x = -0.1 * np.arange(1, 4)[:, None] * np.random.default_rng(7).random((3, 30))
     old, w = window_of(motion), window_of(motion.started(x[0]))
-    moved = CondensedWindow(w).updated(w.advanced(old.pack(x, in_equilibrium(old, x)[0]), 1))
+    full = w.advanced(old.pack(x, in_equilibrium(old, x)[0]), 1)
+    moved, residual = CondensedWindow(w).updated(full)
     later = x[[1, 2, 2]]
     np.testing.assert_allclose(moved, w.pack(later, in_equilibrium(w, later)[0]), atol=1e-6)
+    assert residual <= 1e-7
+    heavy = window_of(w.motion.with_loads(gravity=20.0))
+    assert CondensedWindow(heavy).updated(full)[1] > 1e-2
 
 
 def test_a_window_of_other_numbers_is_the_window_built_for_them():

@@ -124,6 +124,30 @@ def test_a_plan_cut_short_is_in_equilibrium_within_bounds_and_not_called_verifie
     assert again(motion).status is to.Status.SOLVED  # and goes on from there
 
 
+@pytest.mark.parametrize("mass", [10.0, 200.0])
+def test_under_other_loads_plans_cut_short_get_better_tick_by_tick(mass, plan, again):
+    """Also where Newton's method does not find the equilibria from those of the old loads."""
+    motion = plan.motion.with_loads("reach", tip_mass=mass)
+    cut = [again(motion, throw=False, deadline=1e-6) for _ in range(3)]
+    for one in cut:
+        assert one.status is to.Status.TIME_LIMIT
+        assert not one.verification.faults
+    assert np.all(np.diff([one.objective.total for one in cut]) < 0)
+    assert cut[-1].objective.total <= 0.2 * cut[0].objective.total
+
+
+def test_a_horizon_that_moves_on_keeps_what_is_known_of_it(plan, again):
+    """Expected forces, without which the moves after the first take six or seven iterations."""
+    state, iterations = plan.x[0], []
+    for tick in range(1, 6):
+        path = [[0.05 * tick, 0.01 * tick, 1.75 - 0.05 * tick], [0.4, 0.1, 1.2]]
+        motion = plan.motion.retarget(path=[path[0], np.mean(path, axis=0).tolist(), path[1]])
+        found = again(motion, initial=state, advance=1)
+        iterations.append(found.iterations)
+        state = found.x[0]
+    assert max(iterations[1:]) <= 5
+
+
 def test_targets_out_of_reach_leave_no_trace(plan, again):
     for offset in (2.0, 1e3, 1e20):
         far = again(plan.motion.shifted((offset, 0.0, 0.0)), throw=False, deadline=0.05)

@@ -83,6 +83,10 @@ class RodEquationsAt:
         reached = start * self.edges[:, :-1] + np.tensordot(ends, self.inner, (0, 2))
         return collocation, reached - self.edges[:, 1:]
 
+    def largest_residual(self, rates: np.ndarray) -> float:
+        """The largest of them, infinite if one is not a number."""
+        return _largest(*self.residuals(rates))
+
 
 @dataclass(frozen=True, eq=False)
 class CondensedRods:

@@ -262,16 +262,19 @@ class CondensedWindow:
         full[self._q] = (self._of_states[:, None] @ states)[:, 0]
         full[self._r] = origin[t, 0] + np.einsum("ped,pedc->pc", self._of_rates, slopes[t])
 
-    def updated(self, full: np.ndarray) -> np.ndarray:
+    def updated(self, full: np.ndarray) -> tuple[np.ndarray, float]:
         """The decision vector with the variables updated that follow from others explicitly.
 
-        Such as those of a window of other loads or targets, or with its steps moved on.
+        Such as those of a window of other loads or targets, or with its steps moved on. And the
+        largest residual of the rods' equations there.
         """
         full = full.copy()
-        self._set_poses(full, self._equations(full).rates())
+        at = self._equations(full)
+        rates = at.rates()
+        self._set_poses(full, rates)
         for reference, D in zip(self._references, self.held, strict=True):
             full[D] = self._direction(full, reference)[0]
-        return full
+        return full, at.largest_residual(rates)
 
     def objective(self, full: np.ndarray) -> float:
         """Objective at a decision vector whose explicit variables are up to date."""

@@ -73,6 +73,7 @@ class ControlQP:
         limited = [t * n + step.change.limited for t, step in enumerate(condensed.window.steps)]
         self._limited = np.concatenate(limited).astype(int)
         rows = sp.vstack([extension, change[self._limited]])
+        self._by_controls = rows.tocsr()
         self._rows = sp.csc_matrix(sp.hstack([rows, sp.csc_matrix((rows.shape[0], self._held))]))
 
     def bounds(self, window: Window, x: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -84,7 +85,7 @@ class ControlQP:
         change = np.array([[s.change.lower for s in steps], [s.change.upper for s in steps]])
         change[:, 0] += window.before
         least, most = change.reshape(2, -1)[:, self._limited]
-        now = self._rows[:, : x.size] @ x.ravel()
+        now = self._by_controls @ x.ravel()
         extensions = np.ones(now.size - least.size)
         rows_lower = np.append((low - 1) * extensions, least) - now
         rows_upper = np.append((high - 1) * extensions, most) - now

@@ -103,8 +103,7 @@ class ControlSQP:
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
         condensed, reporter = self._condensed.renumbered(window), records.reporter
-        starts = [replace(start, full=condensed.updated(start.full)) for start in starts]
-        point = min(starts, key=lambda start: condensed.objective(start.full))
+        point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
         most = min(MAX_ITERATIONS, records.max_iterations)
@@ -207,6 +206,16 @@ class ControlSQP:
         full = point.full
         violation = max(self._qp.violation(window, full[condensed.x]), point.residual)
         return Outcome(full, condensed.objective(full), violation, iterations, message)
+
+
+def _updated(condensed: CondensedWindow, start: SQPPoint) -> tuple[SQPPoint, tuple[bool, float]]:
+    """A start for another window, and its rank, best first.
+
+    Objectives only compare where rods are in equilibrium; others may be far from it.
+    """
+    full, residual = condensed.updated(start.full)
+    rank = residual > FEASIBILITY_TOL, condensed.objective(full)
+    return replace(start, full=full, residual=residual), rank
 
 
 def _report(

@@ -19,7 +19,7 @@ from .._support.provenance import versions
 from ..contact.exchange import rows_for
 from ..errors import InputError
 from ..nlp.condensed_window import can_condense, layout_of
-from ..nlp.control_sqp import ControlSQP, SQPPoint
+from ..nlp.control_sqp import STUCK, ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
 from ..nlp.outcome import FEASIBILITY_TOL, Outcome
@@ -161,9 +161,8 @@ class Replanner:
         window = self._window_of(motion)
         if advance:
             same = self._newest is self._reached
-            self._reached = _Point(window.advanced(self._reached.full, advance))
-            newest = window.advanced(self._newest.full, advance)
-            self._newest = self._reached if same else _Point(newest)
+            self._reached = _advanced(window, self._reached, advance)
+            self._newest = self._reached if same else _advanced(window, self._newest, advance)
         self._newest, outcome = self._by_any(window, ends)
         if outcome.converged and window.reached(outcome.full):
             self._reached = self._newest
@@ -193,6 +192,12 @@ class Replanner:
         if self._sqp is not None:
             starts = [point.sqp or self._sqp.start(point.full) for point in self._starts]
             outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
+            if outcome.message == STUCK and found.residual > FEASIBILITY_TOL:
+                # Loads or stiffness changed too much for Newton's method: equilibria come first.
+                run = self._run(window.motion)
+                full = run.packed(window, window.controls_of(found.full))
+                starts = [self._sqp.start(full)]
+                outcome, found = self._sqp.solve(window, starts, ends, self._optimizer)
             done = outcome.converged or outcome.stopped
             if done or math.isfinite(ends) or outcome.iterations == self._optimizer.max_iterations:
                 return _Point(found.full, found), outcome
@@ -255,3 +260,12 @@ class Replanner:
         self.__dict__.update(state, _lock=threading.RLock())
         self._window = self._new_window(self._motion)
         self._sqp = ControlSQP(self._window) if can_condense(self._window) else None
+
+
+def _advanced(window: Window, point: _Point, count: int) -> _Point:
+    """The point whose steps are those `count` later, and what is known of them."""
+    full, sqp = window.advanced(point.full, count), point.sqp
+    if sqp is not None:
+        forces = None if sqp.forces is None else window.advanced(sqp.forces, count)
+        sqp = replace(sqp, full=full, forces=forces)
+    return _Point(full, sqp)
