@@ -115,7 +115,7 @@ def plan_motion(
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
-    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, solves=[], _ready={})
+    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, solves=[])
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
