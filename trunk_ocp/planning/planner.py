@@ -42,7 +42,7 @@ from .plan import ACCEPTED, Plan, PlanError
 from .planning_run import PlanningRun
 
 ROUGH_ITERATIONS = 200
-"""Most iterations of a step of a plan that only starts a horizon; shipped motions take 60."""
+"""Most iterations of a step of a plan that only starts a horizon; shipped motions take 45."""
 
 
 @check_arguments
@@ -67,10 +67,10 @@ def plan_motion(
         Time steps planned together: 1 is the paper's sequential solve (with appendix B's
         auxiliary problems, guesses and feasible sets), None all of them.
     start : Plan, optional
-        A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
-        the sequential plan. The objective of a horizon is never worse than that of its start, if
-        the start keeps the horizon's bounds, which appendix B does not require of a sequential
-        plan.
+        A plan of the same motion to improve on. By default a lookahead beyond 1 first makes a
+        sequential plan, with an auxiliary problem for the first step only. The objective of a
+        horizon is never worse than that of its start, if the start keeps the horizon's bounds,
+        which appendix B does not require of a sequential plan.
     checkpoint : Checkpoint, optional
         Saves the plan after every window, and resumes it.
     throw : bool
@@ -97,8 +97,8 @@ def plan_motion(
         If the plan is not solved; the error has the plan.
     InputError
         If the lookahead is not a whole number of at least 1, the deadline not positive, `check`
-        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to another
-        plan.
+        neither of the two, `initial` no controls of this trunk, or the checkpoint belongs to
+        another plan.
     KeyboardInterrupt
         On Ctrl-C, unless its handler has been replaced. Any error of a reporter reaches the caller
         as well.
@@ -125,7 +125,8 @@ def plan_motion(
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
-        start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
+        first = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint)
+        start = replace(first, only_starts=True).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
     if motion.contact and start is not None and start.converged:
         seed = Exchange(motion)  # saves a horizon without gaps

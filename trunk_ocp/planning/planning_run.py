@@ -50,6 +50,9 @@ class PlanningRun:
         Gaps that each time step (from 0) keeps.
     near : Shape, optional
         Shapes of the guess on the run's mesh, batch axis (steps,), from which equilibria are found.
+    only_starts : bool
+        Whether the run's plan only starts a horizon. Then only the first step, which has no step
+        before it to start from, has an auxiliary problem.
     """
 
     motion: Motion
@@ -63,6 +66,7 @@ class PlanningRun:
     guess: np.ndarray | None = None
     gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
     near: Shape | None = None
+    only_starts: bool = False
 
     @property
     def controls(self) -> int:
@@ -211,7 +215,7 @@ class PlanningRun:
         step = self.motion.steps[first]
         detail = f"step {first + 1} of {len(self.motion.steps)}"
         before = self._before(decided)
-        if step.auxiliary is None:
+        if step.auxiliary is None or (self.only_starts and first):
             decided.unloaded = None
             window = self.window(first, [step], decided)
             return window, self._solve(window, self._guess(first, before), detail)
