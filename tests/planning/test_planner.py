@@ -12,9 +12,11 @@ from plans import MOTIONS, first_steps, planned, shipped
 
 from trunk_ocp.errors import InputError, SolverMissingError
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
@@ -313,3 +315,22 @@ def test_a_horizon_starts_from_one_auxiliary_problem():
     other = plan_motion(motion, start=plan_motion(motion, 1))
     assert plan.objective.total == pytest.approx(other.objective.total, rel=1e-6)
     np.testing.assert_allclose(plan.x, other.x, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("stage", ["sequential", "horizon"])
+def test_a_horizon_stopped_at_its_start_is_resumed_and_saved(stage, tmp_path):
+    """Its start lacks the auxiliary solutions that a sequential plan has."""
+    motion = first_steps("lift-log", 3)
+
+    class Late(Recorder):
+        def iteration(self, progress):
+            self.stop = progress.stage == stage and progress.last == 3
+
+    path = tmp_path / "resume.npz"
+    cut = plan_motion(motion, reporter=Late(), checkpoint=Checkpoint(path), throw=False)
+    assert cut.status is Status.INTERRUPTED
+    assert set(cut.auxiliary) <= {0}
+    save_plan(cut, tmp_path / "cut")
+    np.testing.assert_array_equal(load_plan(tmp_path / "cut", throw=False).x, cut.x)
+    resumed = plan_motion(motion, checkpoint=Checkpoint(path, resume=True))
+    np.testing.assert_array_equal(resumed.x, plan_motion(motion).x)
