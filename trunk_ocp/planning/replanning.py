@@ -255,7 +255,7 @@ class Replanner:
         derived = ("_lock", "_window", "_sqp")
         kept = {name: value for name, value in self.__dict__.items() if name not in derived}
         kept["_busy"] = False
-        return {**kept, "_optimizer": replace(self._optimizer, _ready={}, solves=[])}
+        return {**kept, "_optimizer": replace(self._optimizer, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.RLock())
