@@ -12,9 +12,11 @@ from plans import MOTIONS, first_steps, planned, shipped
 
 from trunk_ocp.errors import InputError, SolverMissingError
 from trunk_ocp.model.loads import Loads
+from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics
 from trust import reference
@@ -286,16 +288,49 @@ def test_stopping_before_the_horizon_gives_the_plan_it_would_start_from():
     motion = first_steps("lift-log", 3)
     whole = plan_motion(motion, lookahead=1)
     all_along = Recorder()
-    plan_motion(motion, reporter=all_along)
+    horizon = plan_motion(motion, reporter=all_along)
     sequential = sum(p.stage == "sequential" for p in all_along.seen)
     plan = plan_motion(motion, reporter=Recorder(stop_at=sequential), throw=False)
     assert plan.status is Status.INTERRUPTED
     assert plan.notes
-    # As a start the sequential plan is solved less sharply.
-    assert np.abs(plan.shape.position([1.75]) - whole.shape.position([1.75])).max() <= 1e-3
+    # Its first step is the sequential plan's, solved less sharply; the others keep other bounds.
+    tips = (each.shape.position([1.75])[0] for each in (plan, whole))
+    np.testing.assert_allclose(*tips, rtol=0, atol=1e-3)
+    assert len(plan.x) == 3
+    assert horizon.objective.total < plan.objective.total < 1.5 * horizon.objective.total
 
 
 def test_planning_twice_gives_the_same_plan():
     motion = first_steps("lift-log", 3)
     first, second = plan_motion(motion, 1), plan_motion(replace(motion), 1)
     np.testing.assert_array_equal(first.x, second.x)
+
+
+def test_a_horizon_starts_from_one_auxiliary_problem():
+    """And reaches the optimum that it reaches from appendix B's sequential plan."""
+    motion = first_steps("lift-log", 3)
+    plan = plan_motion(motion)
+    details = [solve.detail for solve in plan.solves if solve.stage == "sequential"]
+    assert [detail.endswith("unloaded") for detail in details] == [True, False, False, False]
+    other = plan_motion(motion, start=plan_motion(motion, 1))
+    assert plan.objective.total == pytest.approx(other.objective.total, rel=1e-6)
+    np.testing.assert_allclose(plan.x, other.x, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("stage", ["sequential", "horizon"])
+def test_a_horizon_stopped_at_its_start_is_resumed_and_saved(stage, tmp_path):
+    """Its start lacks the auxiliary solutions that a sequential plan has."""
+    motion = first_steps("lift-log", 3)
+
+    class Late(Recorder):
+        def iteration(self, progress):
+            self.stop = progress.stage == stage and progress.last == 3
+
+    path = tmp_path / "resume.npz"
+    cut = plan_motion(motion, reporter=Late(), checkpoint=Checkpoint(path), throw=False)
+    assert cut.status is Status.INTERRUPTED
+    assert set(cut.auxiliary) <= {0}
+    save_plan(cut, tmp_path / "cut")
+    np.testing.assert_array_equal(load_plan(tmp_path / "cut", throw=False).x, cut.x)
+    resumed = plan_motion(motion, checkpoint=Checkpoint(path, resume=True))
+    np.testing.assert_array_equal(resumed.x, plan_motion(motion).x)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,7 @@ import scipy.sparse as sp
 
 from .._support.deferred_signals import deferred_interrupts
 from ..reporting import Progress, Reporter
+from .idle_solvers import borrowed
 from .ipopt_options import DEFAULT_OPTIONS, check_linear_solver
 from .outcome import (
     CONVERGED_STATUSES,
@@ -34,7 +36,7 @@ from .window import Window
 
 @dataclass
 class Optimizer:
-    """Solves windows, and keeps the solver of each NLP structure for later windows.
+    """Solves windows, each with a solver that an earlier window of its structure has left idle.
 
     Attributes
     ----------
@@ -63,7 +65,6 @@ class Optimizer:
     solve_seconds: float = 0.0
     derivative_seconds: float = 0.0
     solves: list[Solve] = field(default_factory=list, repr=False)
-    _ready: dict[Hashable, tuple[ca.Function, _Watch]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         check_linear_solver(self.linear_solver)
@@ -93,13 +94,16 @@ class Optimizer:
         BaseException
             Whatever the reporter or a Ctrl-C handler raised during the solve.
         """
-        solver, watch = self._solver(window, bool(multipliers))
-        began = time.perf_counter()
-        with deferred_interrupts() as deferred:
-            watch.prepare(window, stage, detail, self.reporter, self.deadline, deferred)
-            result = solver(x0=start, p=window.parameters, **window.bounds, **(multipliers or {}))
-        self.solve_seconds += time.perf_counter() - began
-        stats = solver.stats()
+        with self._solver(window, bool(multipliers)) as (solver, callback):
+            began = time.perf_counter()
+            with deferred_interrupts() as deferred:
+                watch = _Watch(window, stage, detail, self.reporter, self.deadline, deferred)
+                callback.watch = watch
+                arguments = {"x0": start, "p": window.parameters, **window.bounds}
+                result = solver(**arguments, **(multipliers or {}))
+                callback.watch = None
+            self.solve_seconds += time.perf_counter() - began
+            stats = solver.stats()
         message = str(stats["return_status"])
         if message == USER_STOPPED and watch.late:
             message = DEADLINE_PASSED
@@ -148,8 +152,9 @@ class Optimizer:
     @deferred_interrupts()
     def evaluate(self, window: Window, full: np.ndarray) -> Outcome:
         """Objective and infeasibility, including bounds on variables, of a decision vector."""
-        solver, _ = self._solver(window)
-        f, g = (solver.get_function(name)(full, window.parameters) for name in ("nlp_f", "nlp_g"))
+        at = (full, window.parameters)
+        with self._solver(window) as (solver, _):
+            f, g = (solver.get_function(name)(*at) for name in ("nlp_f", "nlp_g"))
         bounds = window.bounds
         violation = max(
             max_violation(np.asarray(g).ravel(), bounds["lbg"], bounds["ubg"]),
@@ -160,12 +165,12 @@ class Optimizer:
     @deferred_interrupts()
     def derivatives(self, window: Window, outcome: Outcome) -> Derivatives:
         """First and second derivatives of a window's NLP at an optimum."""
-        solver, _ = self._solver(window)
         lam_x, lam_g = outcome.multipliers["lam_x0"], outcome.multipliers["lam_g0"]
         at = (outcome.full, window.parameters)
-        _, gradient = solver.get_function("nlp_grad_f")(*at)
-        g, jacobian = solver.get_function("nlp_jac_g")(*at)
-        upper = solver.get_function("nlp_hess_l")(*at, 1.0, lam_g)
+        with self._solver(window) as (solver, _):
+            _, gradient = solver.get_function("nlp_grad_f")(*at)
+            g, jacobian = solver.get_function("nlp_jac_g")(*at)
+            upper = solver.get_function("nlp_hess_l")(*at, 1.0, lam_g)
         triangle = upper.sparse()
         return Derivatives(
             np.asarray(g).ravel(),
@@ -176,27 +181,32 @@ class Optimizer:
             np.asarray(lam_g).ravel(),
         )
 
-    def _solver(self, window: Window, again: bool = False) -> tuple[ca.Function, _Watch]:
-        """The solver of a window; `again` if it starts from multipliers."""
+    def _solver(
+        self, window: Window, again: bool = False
+    ) -> AbstractContextManager[tuple[ca.Function, _IterationCallback]]:
+        """A solver of the window's NLP, with its callback; `again` if it gets multipliers."""
         ipopt = self.warm if again and self.warm is not None else self.ipopt
-        key = (window.structure, ipopt is self.ipopt)
-        if key not in self._ready:
-            began = time.perf_counter()
-            options = {f"ipopt.{name}": value for name, value in ipopt.items()} | {
-                "ipopt.linear_solver": self.linear_solver,
-                "ipopt.max_iter": self.max_iterations,
-                "print_time": False,
-                "record_time": True,
-                "error_on_fail": False,
-                **window.nlp.derivatives(),
-            }
-            with deferred_interrupts():  # CasADi calls back for the sizes
-                watch = _Watch(*window.nlp.size, window.parameters.size)
-                options["iteration_callback"] = watch
-                solver = ca.nlpsol("window", "ipopt", window.nlp.as_casadi(), options)
-            self._ready[key] = (solver, watch)
-            self.setup_seconds += time.perf_counter() - began
-        return self._ready[key]
+        choices = (self.linear_solver, self.max_iterations, *sorted(ipopt.items()))
+        return borrowed((window.structure, choices), lambda: self._new_solver(window, ipopt))
+
+    def _new_solver(
+        self, window: Window, ipopt: Mapping[str, Any]
+    ) -> tuple[ca.Function, _IterationCallback]:
+        began = time.perf_counter()
+        options = {f"ipopt.{name}": value for name, value in ipopt.items()} | {
+            "ipopt.linear_solver": self.linear_solver,
+            "ipopt.max_iter": self.max_iterations,
+            "print_time": False,
+            "record_time": True,
+            "error_on_fail": False,
+            **window.nlp.derivatives(),
+        }
+        with deferred_interrupts():  # CasADi calls back for the sizes
+            callback = _IterationCallback(*window.nlp.size, window.parameters.size)
+            options["iteration_callback"] = callback
+            solver = ca.nlpsol("window", "ipopt", window.nlp.as_casadi(), options)
+        self.setup_seconds += time.perf_counter() - began
+        return solver, callback
 
 
 def derivative_seconds(stats: dict[str, Any]) -> float:
@@ -205,11 +215,12 @@ def derivative_seconds(stats: dict[str, Any]) -> float:
     return float(sum(stats[f"t_wall_{name}"] for name in functions))
 
 
-class _Watch(ca.Callback):
-    """Ipopt's iteration callback: reports progress, keeps the best point, and stops on request."""
+class _IterationCallback(ca.Callback):
+    """Ipopt's iteration callback, for the `watch` of the solve that runs."""
 
     def __init__(self, variables: int, constraints: int, parameters: int) -> None:
         ca.Callback.__init__(self)
+        self.watch: _Watch | None = None
         self._shapes = {
             "x": variables,
             "f": 1,
@@ -219,21 +230,6 @@ class _Watch(ca.Callback):
             "lam_p": parameters,
         }
         self.construct("watch", {})
-
-    def prepare(
-        self,
-        window: Window,
-        stage: str,
-        detail: str,
-        reporter: Reporter,
-        deadline: float,
-        deferred: deferred_interrupts,
-    ) -> None:
-        self._window, self._stage, self._detail = window, stage, detail
-        self._reporter, self._deadline, self._deferred = reporter, deadline, deferred
-        self._iteration = -1
-        self.best: Point | None = None
-        self.late = False
 
     def get_n_in(self) -> int:
         return int(ca.nlpsol_n_out())
@@ -251,12 +247,35 @@ class _Watch(ca.Callback):
         return ca.Sparsity.dense(self._shapes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[int]:
+        return [int(self.watch is None or self.watch.stops(arguments))]
+
+
+class _Watch:
+    """Watches one solve: reports progress, keeps the best point, and stops on request."""
+
+    def __init__(
+        self,
+        window: Window,
+        stage: str,
+        detail: str,
+        reporter: Reporter,
+        deadline: float,
+        deferred: deferred_interrupts,
+    ) -> None:
+        self._window, self._stage, self._detail = window, stage, detail
+        self._reporter, self._deadline, self._deferred = reporter, deadline, deferred
+        self._iteration = -1
+        self.best: Point | None = None
+        self.late = False
+
+    def stops(self, arguments: Sequence[ca.DM]) -> bool:
+        """Report an iterate; returns whether to stop. Errors wait for the end of the solve."""
         try:
             stop = self._report(arguments)
         except BaseException as error:  # CasADi would swallow it
             self._deferred.error = self._deferred.error or error
             stop = True
-        return [int(self._deferred.pending or stop)]
+        return self._deferred.pending or stop
 
     def _report(self, arguments: Sequence[ca.DM]) -> bool:
         """Report an iterate; returns whether to stop."""

@@ -248,7 +248,8 @@ def _check(
         t for t, step in enumerate(motion.steps[:steps]) if mode == "sequential" and step.follows
     }
     held = {held for held in motion.held if held.step < steps}
-    if steps > len(motion.steps) or set(state.auxiliary) != following or set(state.held) != held:
+    known = set(state.auxiliary) in (following, following & {0})  # the latter to start a horizon
+    if steps > len(motion.steps) or not known or set(state.held) != held:
         raise InputError(
             "expected the motion's time steps, held directions and auxiliary solutions"
         )

@@ -42,7 +42,7 @@ from .plan import ACCEPTED, Plan, PlanError
 from .planning_run import PlanningRun
 
 ROUGH_ITERATIONS = 200
-"""Most iterations of a step of a plan that only starts a horizon; shipped motions take 60."""
+"""Most iterations of a step of a plan that only starts a horizon; shipped motions take 45."""
 
 
 @check_arguments
@@ -67,10 +67,10 @@ def plan_motion(
         Time steps planned together: 1 is the paper's sequential solve (with appendix B's
         auxiliary problems, guesses and feasible sets), None all of them.
     start : Plan, optional
-        A plan of the same motion to improve on. By default a lookahead beyond 1 first makes
-        the sequential plan. The objective of a horizon is never worse than that of its start, if
-        the start keeps the horizon's bounds, which appendix B does not require of a sequential
-        plan.
+        A plan of the same motion to improve on. By default a lookahead beyond 1 first makes a
+        sequential plan, with an auxiliary problem for the first step only. The objective of a
+        horizon is never worse than that of its start, if the start keeps the horizon's bounds,
+        which appendix B does not require of a sequential plan.
     checkpoint : Checkpoint, optional
         Saves the plan after every window, and resumes it.
     throw : bool
@@ -115,7 +115,7 @@ def plan_motion(
     optimizer = Optimizer(options.linear_solver, options.max_iterations, reporter, deadline=ends)
     rough_iterations = min(options.max_iterations, ROUGH_ITERATIONS)
     rough = Optimizer(options.linear_solver, rough_iterations, reporter, ROUGH_OPTIONS, ends)
-    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, warm=AGAIN_OPTIONS, solves=[], _ready={})
+    avoiding = replace(optimizer, ipopt=CONTACT_OPTIONS, warm=AGAIN_OPTIONS, solves=[])
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
@@ -125,7 +125,8 @@ def plan_motion(
     if checkpoint is not None:
         checkpoint.open(motion, mode, lookahead, options, start)
     if mode != "sequential" and start is None:
-        start = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint).run()
+        first = PlanningRun(motion, mesh, "sequential", 1, options, rough, None, checkpoint)
+        start = replace(first, only_starts=True).run()
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, start, checkpoint)
     if motion.contact and start is not None and start.converged:
         seed = Exchange(motion, margin=MARGIN * motion.trunk.length)  # saves a horizon without gaps

@@ -54,6 +54,9 @@ class PlanningRun:
     multipliers : dict
         Multipliers of windows of several steps by their first step (from 0): those of the last run
         on the same mesh with the guess as its plan, replaced by those of this run.
+    only_starts : bool
+        Whether the run's plan only starts a horizon. Then only the first step, which has no step
+        before it to start from, has an auxiliary problem.
     """
 
     motion: Motion
@@ -68,6 +71,7 @@ class PlanningRun:
     gaps: Mapping[int, tuple[GapRow, ...]] = field(default_factory=dict)
     near: Shape | None = None
     multipliers: dict[int, Multipliers] = field(default_factory=dict)
+    only_starts: bool = False
 
     @property
     def controls(self) -> int:
@@ -231,7 +235,7 @@ class PlanningRun:
         step = self.motion.steps[first]
         detail = f"step {first + 1} of {len(self.motion.steps)}"
         before = self._before(decided)
-        if step.auxiliary is None:
+        if step.auxiliary is None or (self.only_starts and first):
             decided.unloaded = None
             window = self.window(first, [step], decided)
             return window, self._solve(window, self._guess(first, before), detail)

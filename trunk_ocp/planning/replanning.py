@@ -16,6 +16,7 @@ from .._support.arguments import check_arguments
 from .._support.blas_threads import one_thread
 from .._support.deferred_signals import deferred_interrupts
 from .._support.provenance import versions
+from .._support.ranges import shown
 from ..contact.exchange import rows_for
 from ..errors import InputError
 from ..nlp.condensed_window import can_condense, layout_of
@@ -136,7 +137,7 @@ class Replanner:
         """
         ends, deferred = time.perf_counter() + seconds_allowed(deadline), is_deferred(check)
         if not isinstance(advance, Integral) or not 0 <= advance <= len(motion.steps):
-            raise InputError(f"advance = {advance!r}: expected a number of time steps.")
+            raise InputError(f"advance = {shown(advance)}: expected a number of time steps.")
         if initial is not None:
             motion = motion.started(np.asarray(initial, dtype=float))
         with self._lock:
@@ -254,7 +255,7 @@ class Replanner:
         derived = ("_lock", "_window", "_sqp")
         kept = {name: value for name, value in self.__dict__.items() if name not in derived}
         kept["_busy"] = False
-        return {**kept, "_optimizer": replace(self._optimizer, _ready={}, solves=[])}
+        return {**kept, "_optimizer": replace(self._optimizer, solves=[])}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _lock=threading.RLock())
