@@ -14,7 +14,7 @@ import numpy as np
 
 from ..model.activation import stiffness
 from ..model.anatomy import Trunk
-from ..model.loads import Loads, couple_density, internal_force, lever_density
+from ..model.loads import Loads, Vector, couple_density, internal_force, lever_density
 from ..model.quaternions import Scalar, directors, dot, product
 from .collocation import Mesh
 
@@ -107,12 +107,34 @@ def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray, hung: bool = Fal
     return np.vstack([*rows, lever_density(loads, trunk, Z).T] if hung else rows)
 
 
-@lru_cache(maxsize=512)
 def mesh_parameters(trunk: Trunk, loads: Loads, mesh: Mesh, hung: bool = False) -> np.ndarray:
     """`point_parameters` at the Gauss points of a mesh, in order along the trunk; read-only.
 
-    Kept, because a control loop asks for the same loads again and again.
+    Kept, because a control loop asks for the same loads again and again. Only the tip force, which
+    is not among the parameters, changes from one plan to the next.
     """
+    contact = (loads.contact_from, loads.contact_force, loads.contact_couple, loads.contact_lever)
+    return _kept_parameters(trunk, mesh, hung, loads.gravity, *contact)
+
+
+@lru_cache(maxsize=512)
+def _kept_parameters(
+    trunk: Trunk,
+    mesh: Mesh,
+    hung: bool,
+    gravity: float,
+    contact_from: float | None,
+    contact_force: Vector,
+    contact_couple: Vector,
+    contact_lever: float,
+) -> np.ndarray:
+    loads = Loads(
+        gravity,
+        contact_from=contact_from,
+        contact_force=contact_force,
+        contact_couple=contact_couple,
+        contact_lever=contact_lever,
+    )
     parameters = point_parameters(trunk, loads, mesh.points.ravel(), hung)
     parameters.setflags(write=False)
     return parameters
