@@ -20,7 +20,7 @@ from ..model.activation import segment_at, segment_fractions, strain_matrix, str
 from ..problem.motion import Motion
 from ..problem.targets import HeldDirection, Target
 from ..rod.collocation import Mesh, gauss
-from ..rod.equations import POSITION, STATES, is_hung, point_parameters
+from ..rod.equations import POSITION, STATES, is_hung, mesh_parameters
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
 from .point_functions import base, director, scaled_rates
 from .term_derivatives import first_derivatives, second_derivatives, values
@@ -197,7 +197,7 @@ class CondensedWindow:
         hung = any(is_hung(step.loads) for step in steps)
         self._function = scaled_rates(window.length, window.moment, hung)
         by_load = {
-            load: point_parameters(trunk, load, mesh.points.ravel(), hung).T
+            load: mesh_parameters(trunk, load, mesh, hung).T
             for load in {step.loads for step in steps}
         }
         shape = (H, mesh.elements, mesh.degree, -1)

@@ -14,7 +14,7 @@ from .window import Window
 
 ACTIVE_TOL = 1e-6
 """Distance of a control from a bound that holds."""
-QP_TOL = 1e-9
+QP_TOL = 1e-8
 """Largest violation of a row, and of stationarity relative to the Hessian's largest entry."""
 
 

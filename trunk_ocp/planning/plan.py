@@ -114,7 +114,9 @@ class Sample:
 def planned_loads(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
     """Loads of the first H steps, with the tip forces (H, 3) N that a plan found."""
     return tuple(
-        replace(step.loads, tip_force=tuple(force))
+        step.loads
+        if tuple(force) == step.loads.tip_force
+        else replace(step.loads, tip_force=tuple(force))
         for step, force in zip(motion.steps, tip_forces.tolist(), strict=False)
     )
 

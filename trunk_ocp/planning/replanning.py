@@ -165,7 +165,8 @@ class Replanner:
             self._reached = _advanced(window, self._reached, advance)
             self._newest = self._reached if same else _advanced(window, self._newest, advance)
         self._newest, outcome = self._by_any(window, ends)
-        if outcome.converged and window.reached(outcome.full):
+        usable = outcome.converged or (outcome.late and outcome.infeasibility <= FEASIBILITY_TOL)
+        if usable and window.reached(outcome.full):
             self._reached = self._newest
         state = DecidedSteps()
         run = self._run(motion)

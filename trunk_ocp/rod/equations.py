@@ -7,7 +7,7 @@ centerline is an integral of the state and is kept outside it.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -16,6 +16,7 @@ from ..model.activation import stiffness
 from ..model.anatomy import Trunk
 from ..model.loads import Loads, couple_density, internal_force, lever_density
 from ..model.quaternions import Scalar, directors, dot, product
+from .collocation import Mesh
 
 # The state, and the rates, which add r'.
 STATES, RATES = 7, 10
@@ -104,3 +105,14 @@ def point_parameters(trunk: Trunk, loads: Loads, Z: np.ndarray, hung: bool = Fal
     force = internal_force(loads, trunk, Z) - np.asarray(loads.tip_force)
     rows = [trunk.taper(Z), stiffness(trunk, Z).T, force.T, couple_density(loads, trunk, Z).T]
     return np.vstack([*rows, lever_density(loads, trunk, Z).T] if hung else rows)
+
+
+@lru_cache(maxsize=512)
+def mesh_parameters(trunk: Trunk, loads: Loads, mesh: Mesh, hung: bool = False) -> np.ndarray:
+    """`point_parameters` at the Gauss points of a mesh, in order along the trunk; read-only.
+
+    Kept, because a control loop asks for the same loads again and again.
+    """
+    parameters = point_parameters(trunk, loads, mesh.points.ravel(), hung)
+    parameters.setflags(write=False)
+    return parameters

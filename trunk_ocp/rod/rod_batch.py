@@ -23,7 +23,7 @@ from .equations import (
     POSITION,
     STATES,
     is_hung,
-    point_parameters,
+    mesh_parameters,
     rates,
 )
 from .shape import Shape
@@ -76,12 +76,10 @@ class RodBatch:
         w[4] = mean_extension(self.trunk, self.intrinsic)[:, None, None]
         tip = np.array([load.tip_force for load in self.loads]).reshape(B, 3)
         w[5:] = tip.T[:, :, None, None]
-        Z = self.mesh.points.ravel()
         hung = self.hung
-        by_load = {load: point_parameters(self.trunk, load, Z, hung) for load in {*self.loads}}
         p = np.empty((HUNG_PARAMETERS if hung else PARAMETERS, B, E, d))
         for i, load in enumerate(self.loads):
-            p[:, i] = by_load[load].reshape(len(p), E, d)
+            p[:, i] = mesh_parameters(self.trunk, load, self.mesh, hung).reshape(len(p), E, d)
         return w, p
 
     def unloaded(self) -> np.ndarray:
