@@ -179,3 +179,14 @@ def test_rods_that_cannot_be_condensed_are_left_to_ipopt(plan, monkeypatch):
     late = again(plan.motion.shifted((0.0, 0.0, -0.02)), throw=False, deadline=1e-6)
     assert not late.converged  # Ipopt is not begun under a deadline
     assert np.all(np.isfinite(late.x))
+
+
+def test_programs_with_curvature_across_bounds_are_not_called_infeasible():
+    """Targets that moved by 6 mm, of a plan at many bounds; nothing contradicts."""
+    plan = to.plan_motion(to.load_motion("pick-fruit"), check="later")
+    again = to.Replanner(plan)
+    for tick in range(1, 5):
+        a = 2 * np.pi * tick / 1000
+        move = (0.03 * np.sin(10 * a), 0.03 * np.sin(13 * a), 0.015 * np.sin(7 * a))
+        found = again(plan.motion.shifted(move), throw=False, check="later", deadline=10.0)
+        assert found.status is to.Status.UNCHECKED

@@ -104,8 +104,18 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
-        blocks = convex_blocks(model, _pressed(model.gradient, lower, upper, x.shape))
+        bounds = self.bounds(window, x)
+        blocks = convex_blocks(model, _pressed(model.gradient, bounds[0], bounds[1], x.shape))
+        try:
+            return self._solved(model, blocks, bounds)
+        except QPError:  # PIQP calls some programs with curvature across bounds infeasible
+            return self._solved(model, _made_convex(model.blocks, model.links), bounds)
+
+    def _solved(
+        self, model: QuadraticModel, blocks: np.ndarray, bounds: tuple[np.ndarray, ...]
+    ) -> QPStep:
+        """Minimize a model with another Hessian."""
+        lower, upper, rows_lower, rows_upper = bounds
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
