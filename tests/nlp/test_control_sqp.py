@@ -10,7 +10,7 @@ from toys import TRUNK as SHORTENER
 from toys import C, shortening
 
 from trunk_ocp.nlp.condensed_window import CondensedWindow
-from trunk_ocp.nlp.control_qp import ControlQP, _is_convex, _made_convex, _pressed, convex_blocks
+from trunk_ocp.nlp.control_qp import ControlQP, _is_convex, _made_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.window import Weights, Window
@@ -156,7 +156,9 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     model = condensed.model(packed(w, x), np.zeros(3))
     found = qp.solve(w, model, x)
     lower, upper, rows_lower, rows_upper = qp.bounds(w, x)
-    blocks = convex_blocks(model, _pressed(model.gradient, lower, upper, x.shape))
+    blocks = model.blocks
+    if not _is_convex(blocks, model.links):
+        blocks = _made_convex(blocks, model.links)
     (H, n), size = x.shape, condensed.size
     hessian = np.zeros((size, size))
     for t in range(H):

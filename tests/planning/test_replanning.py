@@ -181,7 +181,7 @@ def test_rods_that_cannot_be_condensed_are_left_to_ipopt(plan, monkeypatch):
     assert np.all(np.isfinite(late.x))
 
 
-def test_programs_with_curvature_across_bounds_are_not_called_infeasible():
+def test_small_moves_of_a_fruit_are_feasible():
     """Targets that moved by 6 mm, of a plan at many bounds; nothing contradicts."""
     plan = to.plan_motion(to.load_motion("pick-fruit"), check="later")
     again = to.Replanner(plan)

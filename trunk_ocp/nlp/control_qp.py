@@ -12,8 +12,6 @@ from scipy.linalg import LinAlgError, cholesky_banded
 from .condensed_window import CondensedWindow, QuadraticModel
 from .window import Window
 
-ACTIVE_TOL = 1e-6
-"""Distance of a control from a bound that holds."""
 QP_TOL = 1e-8
 """Largest violation of a row, and of stationarity relative to the Hessian's largest entry."""
 
@@ -104,18 +102,10 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        bounds = self.bounds(window, x)
-        blocks = convex_blocks(model, _pressed(model.gradient, bounds[0], bounds[1], x.shape))
-        try:
-            return self._solved(model, blocks, bounds)
-        except QPError:  # PIQP calls some programs with curvature across bounds infeasible
-            return self._solved(model, _made_convex(model.blocks, model.links), bounds)
-
-    def _solved(
-        self, model: QuadraticModel, blocks: np.ndarray, bounds: tuple[np.ndarray, ...]
-    ) -> QPStep:
-        """Minimize a model with another Hessian."""
-        lower, upper, rows_lower, rows_upper = bounds
+        blocks = model.blocks
+        if not _is_convex(blocks, model.links):
+            blocks = _made_convex(blocks, model.links)
+        lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
@@ -145,18 +135,6 @@ class ControlQP:
         return QPStep(np.array(result.x), multipliers)
 
 
-def convex_blocks(model: QuadraticModel, pressed: np.ndarray) -> np.ndarray:
-    """Blocks (H, C, C) of a convex Hessian: the model's, changed as little as it takes.
-
-    pressed : (H, controls), which controls are held at a bound.
-    """
-    blocks, links = model.blocks, model.links
-    if _is_convex(blocks, links):
-        return blocks
-    stiffened = _stiffened(blocks, pressed)
-    return stiffened if _is_convex(stiffened, links) else _made_convex(stiffened, links)
-
-
 def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
     """Whether the Hessian by the controls alone is positive definite."""
     H, n = links.shape
@@ -169,26 +147,6 @@ def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
     except LinAlgError:
         return False
     return True
-
-
-def _pressed(
-    gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray, shape: tuple[int, int]
-) -> np.ndarray:
-    """Which controls (H, controls) are at a bound that the gradient pushes them against."""
-    pressed = ((lower > -ACTIVE_TOL) & (gradient > 0)) | ((upper < ACTIVE_TOL) & (gradient < 0))
-    return pressed[: shape[0] * shape[1]].reshape(shape)
-
-
-def _stiffened(blocks: np.ndarray, pressed: np.ndarray) -> np.ndarray:
-    """The blocks with curvature across bounds that hold, which changes no step along them.
-
-    The Hessian is often indefinite only across such bounds; curvatures made positive would also
-    change steps along them, and convergence would be slow.
-    """
-    diagonal = np.arange(pressed.shape[1])
-    stiffened = blocks.copy()
-    stiffened[:, diagonal, diagonal] += np.abs(blocks).max() * pressed
-    return stiffened
 
 
 def _made_convex(blocks: np.ndarray, links: np.ndarray) -> np.ndarray:
