@@ -20,7 +20,8 @@ from ..model.activation import segment_at, segment_fractions, strain_matrix, str
 from ..problem.motion import Motion
 from ..problem.targets import HeldDirection, Target
 from ..rod.collocation import Mesh, gauss
-from ..rod.equations import POSITION, STATES, is_hung, mesh_parameters
+from ..rod.equations import MOMENT, POSITION, STATES, is_hung, mesh_parameters
+from ..rod.shape import Shape
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
 from .point_functions import base, director, scaled_rates
 from .term_derivatives import first_derivatives, second_derivatives, values
@@ -290,6 +291,16 @@ class CondensedWindow:
         value = self._constant + float(np.sum((self._slope + change / 2) * x))
         return value, (self._slope + change)[1:]
 
+    def shape(self, full: np.ndarray) -> Shape:
+        """The rods at a settled decision vector, batch axis (H,)."""
+        rates = self._equations(full.copy()).rates()
+        intrinsic = strains(self._trunk, full[self.x][:, :-2])
+        left = full[self._edges[:, :-1, None]]
+        states = np.concatenate([left, full[self._inner]], axis=2)
+        states[..., MOMENT] *= self.window.moment
+        edges = full[self._line] * self._length
+        return Shape(self._trunk, self._mesh, intrinsic, states, edges, rates[..., POSITION])
+
     def moved(self, model: QuadraticModel, step: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Decision vector after a share of a step in z, to first order."""
         rods, full, local = (
@@ -437,8 +448,8 @@ class CondensedWindow:
             bent = second @ change
             value += float(error.sum())
             np.add.at(forces, variables, slope[:, 0])
-            np.add.at(gradient, steps, (slope @ change)[:, 0, :-1])
-            np.add.at(blocks, steps, change.swapaxes(-1, -2) @ bent)
+            gradient += _by_step(H, steps, (slope @ change)[:, 0, :-1])
+            blocks += _by_step(H, steps, change.swapaxes(-1, -2) @ bent)
             parts.append((variables, steps, slope[:, 0], bent))
         return value, gradient, blocks, forces, parts
 
@@ -491,7 +502,7 @@ class CondensedWindow:
         by_line, by_base = np.zeros((H, E, d, 3)), np.zeros((H, STATES))
         np.add.at(by_edges[..., :4], (t, self._point_edge), self._of_states[:, :1] * by_q)
         np.add.at(by_states[..., :4], (t, k), self._of_states[:, 1:, None] * by_q[:, None])
-        np.add.at(by_line, t, self._of_rates[..., None] * by_r[:, None, None])
+        by_line += _by_step(H, t, self._of_rates[..., None] * by_r[:, None, None])
         np.add.at(by_base[:, :3], t, by_r)
         weights, by_base[:, 3:] = rods.multipliers(by_edges, by_states, by_line)
         blocks, n = rods.hessians(weights), self.x.shape[1]
@@ -501,6 +512,13 @@ class CondensedWindow:
 
 
 _NONE = np.zeros((1, 0))
+
+
+def _by_step(count: int, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sums (count, ...) of values (N, ...) by their time steps (N,)."""
+    chosen = (steps == np.arange(count)[:, None]).astype(float)
+    sums = chosen @ values.reshape(len(values), -1)  # np.add.at takes ten times as long
+    return np.asarray(sums.reshape(count, *values.shape[1:]))
 
 
 @lru_cache(maxsize=1024)

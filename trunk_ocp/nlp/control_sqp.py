@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..reporting import Progress, Reporter
+from ..rod.shape import Shape
 from .condensed_rods import IllConditionedError
 from .condensed_window import CondensedWindow, QuadraticModel
 from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
@@ -82,6 +83,10 @@ class ControlSQP:
         self._condensed = CondensedWindow(window)
         self._qp = ControlQP(self._condensed)
 
+    def shape(self, window: Window, full: np.ndarray) -> Shape:
+        """Shapes (H,) of a window's steps at a decision vector in equilibrium."""
+        return self._condensed.renumbered(window).shape(full)
+
     def start(self, full: np.ndarray) -> SQPPoint:
         """A point without knowledge from earlier solves."""
         return SQPPoint(full, np.zeros(self._condensed.held.size))
@@ -131,9 +136,10 @@ class ControlSQP:
                 message = CONVERGED_STATUSES[0]
                 break
             asked = expected if feasible else math.inf
-            accepted = self._accepted(condensed, window, model, found, asked)
+            ends = deadline if seconds else math.inf  # the first iteration is finished in any case
+            accepted = self._accepted(condensed, window, model, found, asked, ends)
             if accepted is None:
-                message = STUCK
+                message = DEADLINE_PASSED if time.perf_counter() > ends else STUCK
                 break
             point, seconds = accepted, time.perf_counter() - began
         outcome = self._outcome(condensed, window, point, len(history), message)
@@ -149,6 +155,7 @@ class ControlSQP:
         model: QuadraticModel,
         found: QPStep,
         expected: float,
+        deadline: float,
     ) -> SQPPoint | None:
         """The first point that is accepted: after the step, a corrected step, or a share of it.
 
@@ -156,6 +163,8 @@ class ControlSQP:
             infinite if the step restores bounds, so that any is accepted.
         """
         for halving in range(MAX_HALVINGS + 1):
+            if halving and time.perf_counter() > deadline:
+                break
             share = 0.5**halving
             moved = condensed.moved(model, found.step, share)
             full, residual = condensed.settled(moved, model.rods)
@@ -165,7 +174,10 @@ class ControlSQP:
             if condensed.objective(full) <= most:
                 forces = condensed.expected_forces(model, share * found.step)
                 return SQPPoint(full, found.multipliers, forces, residual)
-            if share == 1 and (point := self._corrected(condensed, window, model, full, most)):
+            late = time.perf_counter() > deadline
+            if share < 1 or late:
+                continue
+            if point := self._corrected(condensed, window, model, full, most):
                 return point
         return None
 

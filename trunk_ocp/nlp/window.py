@@ -381,10 +381,18 @@ class Window:
 
     def advanced(self, full: np.ndarray, count: int) -> np.ndarray:
         """Decision vector whose steps are those `count` later; the last one fills the end."""
-        moved = full.copy()
         last = len(self.steps) - 1
-        for t, u in enumerate(self.unknowns):
-            other = self.unknowns[min(t + count, last)]
+        return self._from(full, [min(t + count, last) for t in range(last + 1)])
+
+    def repeated(self, full: np.ndarray) -> np.ndarray:
+        """Decision vector whose steps are all the first."""
+        return self._from(full, [0] * len(self.steps))
+
+    def _from(self, full: np.ndarray, steps: Sequence[int]) -> np.ndarray:
+        """Decision vector whose steps are some of those of another."""
+        moved = full.copy()
+        for u, step in zip(self.unknowns, steps, strict=True):
+            other = self.unknowns[step]
             for name in ("x", "strain", "mean", "tip_force", "edges", "inner", "line"):
                 moved[getattr(u, name)] = full[getattr(other, name)]
         return moved

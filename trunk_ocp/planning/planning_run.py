@@ -283,22 +283,17 @@ class PlanningRun:
         decided.unloaded = window.controls_of(outcome.full)[0]
         return decided.unloaded
 
-    def plan(self, decided: DecidedSteps, settled: bool = False) -> Plan:
+    def plan(self, decided: DecidedSteps, shape: Shape | None = None) -> Plan:
         """The plan of the decided steps.
 
-        settled : whether the rods are in equilibrium even if the solves did not converge.
+        shape : of the steps, if known; otherwise from their states, or by statics if those are of
+            solves that did not converge.
         """
         x = np.array(decided.x).reshape(-1, self.controls)
         forces = np.array(decided.tip_forces).reshape(-1, 3)
         loads = planned_loads(self.motion, forces)
         finished = decided.converged and len(x) == len(self.motion.steps)
-        rod = (self.mesh.elements, self.mesh.degree + 1, STATES)
-        states = np.array(decided.states).reshape(-1, *rod)
-        shape = shape_of_states(self.motion.trunk, self.mesh, x, loads, states)
-        if len(x) and not decided.converged and not settled:
-            # Rods of an unconverged iterate are not in equilibrium; those of its activations are.
-            with contextlib.suppress(StaticsError, InputError):
-                shape = self._shapes(x, list(loads))
+        shape = shape or self._shape(decided, x, loads)
         return Plan(
             motion=self.motion,
             x=x,
@@ -313,6 +308,17 @@ class PlanningRun:
             interrupted=self.optimizer.reporter.stop,
             late=self.optimizer.late and not finished,
         )
+
+    def _shape(self, decided: DecidedSteps, x: np.ndarray, loads: Sequence[Loads]) -> Shape:
+        """Shapes of the decided steps under their loads."""
+        rod = (self.mesh.elements, self.mesh.degree + 1, STATES)
+        states = np.array(decided.states).reshape(-1, *rod)
+        shape = shape_of_states(self.motion.trunk, self.mesh, x, loads, states)
+        if len(x) and not decided.converged:
+            # Rods of an unconverged iterate are not in equilibrium; those of its activations are.
+            with contextlib.suppress(StaticsError, InputError):
+                shape = self._shapes(x, list(loads))
+        return shape
 
 
 def _pulled(window: Window, shapes: Shape | None) -> list[Loads]:

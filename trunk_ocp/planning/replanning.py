@@ -171,9 +171,12 @@ class Replanner:
         state = DecidedSteps()
         run = self._run(motion)
         run.keep(window, outcome, len(motion.steps), state)
-        settled = self._newest.sqp is not None and outcome.infeasibility <= FEASIBILITY_TOL
-        # To solve for equilibria that are not there may take seconds.
-        plan = run.plan(state, settled=settled or math.isfinite(ends))
+        settled = outcome.infeasibility <= FEASIBILITY_TOL
+        shape = None
+        if self._sqp and self._newest.sqp and (settled or math.isfinite(ends)):
+            # To solve for equilibria that are not there may take seconds.
+            shape = self._sqp.shape(window, outcome.full)
+        plan = run.plan(state, shape)
         del optimizer.solves[:-1]  # else a control loop would keep them all
         return replace(
             plan,
@@ -210,9 +213,14 @@ class Replanner:
 
     @property
     def _starts(self) -> list[_Point]:
-        """Points to start from: the newest, and the last that reached its targets."""
+        """Points to start from: the newest, the last that reached its targets, and standing still.
+
+        Standing still is best where a target comes back into reach.
+        """
         newest, reached = self._newest, self._reached
-        return [newest] if newest is reached else [newest, reached]
+        if newest is reached:
+            return [newest]
+        return [newest, reached, _Point(self._window.repeated(newest.full))]
 
     def _window_of(self, motion: Motion) -> Window:
         """The window of a motion; builds it anew only where more than numbers changed."""
