@@ -38,7 +38,7 @@ from .shape_map import by_steps, error, first_calls
 ROOT = Path(__file__).parent.parent
 IN_A_ROW = {"lift-log": 0.015, "pick-fruit": 0.03}
 """Motions of 10 and of 22 steps, and the deadline of each re-plan in s."""
-LOOP_DEADLINE = 0.03
+LOOP_DEADLINE = 0.04
 FAR = (2.0, 0.5, -0.5)
 """Target out of reach, in m."""
 TIP, STEP = 1.75, 0.05
