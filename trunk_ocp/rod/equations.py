@@ -117,7 +117,7 @@ def mesh_parameters(trunk: Trunk, loads: Loads, mesh: Mesh, hung: bool = False) 
     return _kept_parameters(trunk, mesh, hung, loads.gravity, *contact)
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)
 def _kept_parameters(
     trunk: Trunk,
     mesh: Mesh,
