@@ -47,8 +47,8 @@ SUFFICIENT_DECREASE = 1e-4
 ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
 STUCK = "Error_In_Step_Computation"
 """Messages, as Ipopt's; STUCK where the method does not apply, or makes no progress."""
-RESERVE = 1.2
-"""Time that must be left for another iteration, over that of the last one."""
+RESERVE = 1.5
+"""Time that must be left for another iteration, over that of the last one: some are longer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,8 @@ class ControlSQP:
                 message = CONVERGED_STATUSES[0]
                 break
             asked = expected if feasible else math.inf
-            ends = deadline if seconds else math.inf  # the first iteration is finished in any case
+            # The first iteration is finished in any case; others leave time to return.
+            ends = deadline - seconds / 2 if seconds else math.inf
             accepted = self._accepted(condensed, window, model, found, asked, ends)
             if accepted is None:
                 message = DEADLINE_PASSED if time.perf_counter() > ends else STUCK
