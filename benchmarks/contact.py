@@ -15,7 +15,7 @@ from pathlib import Path
 
 import trunk_ocp as to
 from trunk_ocp.contact.gaps import Gap
-from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.status import Status
 
 ROOT = Path(__file__).parent.parent
 CONTACT = {  # None: as in the file

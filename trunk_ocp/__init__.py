@@ -27,9 +27,10 @@ if TYPE_CHECKING:
     from .model.loads import Loads
     from .planning.checkpoint import Checkpoint
     from .planning.options import Options
-    from .planning.plan import Plan, PlanError, Status
+    from .planning.plan import Plan, PlanError
     from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
+    from .planning.status import Status
     from .planning.storage import load_plan, save_plan
     from .problem.build import load_motion
     from .problem.motion import Motion
@@ -67,7 +68,8 @@ _HOMES = {
     "reporting": ("Progress", "Reporter"),
     "rod.tip_jacobian": ("tip_jacobian",),
     "rod.shape_map": ("ShapeMap",),
-    "planning.plan": ("Plan", "PlanError", "Status"),
+    "planning.plan": ("Plan", "PlanError"),
+    "planning.status": ("Status",),
     "rod.buckling": ("Stability", "buckling_margin"),
     "rod.flutter": ("Flutter", "flutter"),
     "rod.shape": ("Shape",),

@@ -26,8 +26,9 @@ from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, build_trunk
 from trunk_ocp.model.loads import Loads, Vector, vector
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Plan, Status
+from trunk_ocp.planning.plan import Plan
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import build_motion
 from trunk_ocp.problem.problem_file import ProblemSpec
 from trunk_ocp.rod.statics import solve_statics

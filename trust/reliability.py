@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from trunk_ocp.planning.plan import Status
+from trunk_ocp.planning.status import Status
 
 HEAD = """# Reliability
 

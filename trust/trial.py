@@ -11,8 +11,8 @@ from pathlib import Path
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Motion

@@ -18,9 +18,10 @@ from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.outcome import Solve, rank
 from trunk_ocp.nlp.window import Window
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import PlanError, Status
+from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds

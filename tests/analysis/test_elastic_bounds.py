@@ -18,8 +18,8 @@ from trunk_ocp.analysis.elastic_bounds import (
     reach,
 )
 from trunk_ocp.model.activation import strain_matrix
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds
 

@@ -29,8 +29,8 @@ from trunk_ocp.cli import commands
 from trunk_ocp.cli.tables import foresight_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.motion import REFERENCE_LENGTH
 from trunk_ocp.problem.problem_file import LimitsSpec
 from trunk_ocp.problem.weights import Weights

@@ -15,9 +15,10 @@ from scenes import TRUNK
 from trunk_ocp.contact.exchange import rows_for
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.loads import Loads
-from trunk_ocp.planning.plan import PlanError, Status
+from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan, save_plan, summary
 from trunk_ocp.rod.statics import solve_statics
 

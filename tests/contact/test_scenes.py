@@ -10,8 +10,8 @@ from dense_contact import deepest
 from scenes import scene
 
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 
 pytestmark = pytest.mark.slow
 

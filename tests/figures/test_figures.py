@@ -35,8 +35,8 @@ from trunk_ocp.figures import (
 from trunk_ocp.figures.projection import ABOVE, VIEWS, ball, cylinder
 from trunk_ocp.model.solids import in_head_frame, signed_distance
 from trunk_ocp.planning.active_bounds import limits, touching
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.problem.step_solids import head_solids
 from trunk_ocp.rod.statics import solve_statics

@@ -6,10 +6,11 @@ from plans import first_steps, in_equilibrium, shipped
 
 from trunk_ocp.nlp import condensed_rods
 from trunk_ocp.nlp.condensed_rods import IllConditionedError
-from trunk_ocp.nlp.condensed_window import CondensedWindow, layout_of
+from trunk_ocp.nlp.condensed_window import CondensedWindow
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.outcome import Outcome
 from trunk_ocp.nlp.window import Weights, Window
+from trunk_ocp.nlp.window_layout import layout_of
 from trunk_ocp.rod.collocation import mesh_for
 
 EXACT = 1e-9

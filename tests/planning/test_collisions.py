@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from trunk_ocp.model.solids import signed_distance
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.scene.body import section_scale
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import load_motion
 
 GAP_TOL = 1e-4  # m

@@ -11,8 +11,8 @@ from trunk_ocp.analysis.measures import compare, plan_measures
 from trunk_ocp.cli.tables import step_table
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Bounds
 from trunk_ocp.problem.weights import Weights

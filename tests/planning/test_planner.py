@@ -14,8 +14,8 @@ from trunk_ocp.errors import InputError, SolverMissingError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.statics import solve_statics

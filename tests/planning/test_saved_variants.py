@@ -17,8 +17,8 @@ from trunk_ocp.analysis.redundancy.ablation import motion_without
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import as_built, build_motion, load_motion
 from trunk_ocp.problem.mirror import mirrored_motion

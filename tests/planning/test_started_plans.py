@@ -24,9 +24,9 @@ from trunk_ocp.motion_files.opensim import write_sto
 from trunk_ocp.nlp.window import Weights
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.planning.verification import verify
 from trunk_ocp.problem.mirror import mirrored_controls, mirrored_motion

@@ -12,8 +12,8 @@ from plans import POINT, shipped, written
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import dataset, load_plan, save_plan, summary
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter

@@ -14,8 +14,9 @@ from trunk_ocp.model.anatomy import build_trunk
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning import two_point, verification
 from trunk_ocp.planning.independent_rod import Rods, Sections, dop853
-from trunk_ocp.planning.plan import Plan, Status
+from trunk_ocp.planning.plan import Plan
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.two_point import _TwoPoint, equilibria
 from trunk_ocp.planning.verification import MAX_TURN, verify
 from trunk_ocp.problem.build import build_motion, load_motion

@@ -14,8 +14,9 @@ from trunk_ocp.analysis.measures import plan_measures
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning import plan as plan_module
 from trunk_ocp.planning.options import Options
-from trunk_ocp.planning.plan import PlanError, Status
+from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.planning.storage import activations_table, load_plan, save_plan
 
 MOTION = shortening([-0.1, -0.2])

@@ -8,8 +8,8 @@ from plans import POINT, REACH, ROD, TOUCH, arm, written
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.errors import InputError
-from trunk_ocp.planning.plan import Status
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import build_motion, load_motion
 
 

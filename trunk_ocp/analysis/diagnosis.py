@@ -21,7 +21,8 @@ from .._support.wording import rounded, step_list
 from ..model.anatomy import Trunk
 from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from ..planning.storage import finite
 from ..planning.verification import BOUND_TOL, MAX_TURN
 from ..problem.motion import Motion

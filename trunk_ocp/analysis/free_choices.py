@@ -14,8 +14,9 @@ import numpy as np
 from .._support.wording import rounded
 from ..errors import InputError
 from ..planning.options import Options
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
 from ..planning.planner import plan_from
+from ..planning.status import Status
 from ..problem.mirror import is_symmetric, mirrored_controls
 from ..problem.variants import held_head_spec
 from ..reporting import Reporter

@@ -21,7 +21,8 @@ from .._support.arguments import check_arguments
 from .._support.process_pool import DoneCallback, run_tasks
 from ..errors import InputError
 from ..planning.options import Options
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from ..problem.motion import Motion
 from ..problem.variants import unaided_spec
 from ..problem.weights import Weights

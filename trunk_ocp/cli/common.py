@@ -9,8 +9,9 @@ from rich.console import Console
 from .._support.toml_files import is_file, printable, read_toml
 from ..errors import InputError
 from ..planning.checkpoint import FILE
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
 from ..planning.results_folder import is_of
+from ..planning.status import Status
 from ..planning.storage import SOLUTION, load_plan
 from ..problem.build import load_motion
 from ..problem.motion import Motion

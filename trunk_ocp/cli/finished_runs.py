@@ -15,8 +15,9 @@ from .._support.toml_files import printable
 from ..analysis.bound_sensitivity import effects
 from ..analysis.diagnosis import explain, save_diagnosis
 from ..errors import InputError
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
 from ..planning.results_folder import hashes
+from ..planning.status import Status
 from ..planning.storage import SOLUTION, finite
 from .commands import resume_command
 from .common import load_run, print_outcome, print_plain

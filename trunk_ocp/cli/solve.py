@@ -20,7 +20,7 @@ from ..model.anatomy import load_anatomy
 from ..nlp.ipopt_options import check_linear_solver
 from ..planning.checkpoint import FILE, Checkpoint
 from ..planning.options import Options, mode_of
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
 from ..planning.planner import plan_motion
 from ..planning.results_folder import (
     Aside,
@@ -30,6 +30,7 @@ from ..planning.results_folder import (
     set_unfinished_aside,
     sign,
 )
+from ..planning.status import Status
 from ..planning.storage import activations_table, save_plan, summary
 from ..problem.motion import Motion
 from ..reporting import Reporter

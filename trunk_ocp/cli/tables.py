@@ -23,7 +23,8 @@ from ..analysis.redundancy.report import Redundancy, cost, largest
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from ..planning.verification import BOUND_TOL
 from ..problem.mirror import mirrored_controls
 

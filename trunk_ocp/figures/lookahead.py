@@ -16,7 +16,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from ..analysis.lookahead_study import Foresight
 from ..analysis.measures import Measures
 from ..planning.active_bounds import touching
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from . import style
 
 PAPER, COSTED, BLIND, HORIZON = "#D55E00", "#E69F00", "#56B4E9", "#000000"

@@ -17,7 +17,8 @@ from matplotlib.patches import Patch
 from .._support.atomic_files import replacing
 from ..errors import TrunkError
 from ..model.anatomy import Muscle, Trunk
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from ..problem.motion import Motion
 
 NAMES = {

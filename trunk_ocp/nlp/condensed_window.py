@@ -9,21 +9,21 @@ from which sequential quadratic programming takes its steps. It has the solution
 from __future__ import annotations
 
 import copy
-from collections.abc import Hashable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ..model.activation import segment_at, segment_fractions, strain_matrix, strains
-from ..problem.motion import Motion
-from ..problem.targets import HeldDirection, Target
+from ..problem.targets import HeldDirection
 from ..rod.collocation import Mesh, gauss
 from ..rod.equations import MOMENT, POSITION, STATES, is_hung, mesh_parameters
 from ..rod.shape import Shape
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
 from .point_functions import base, director, scaled_rates
+from .quadratic_model import QuadraticModel
 from .term_derivatives import first_derivatives, second_derivatives, values
 from .window import Window
 
@@ -33,76 +33,6 @@ MAX_RESIDUAL = 1.0
 """Beyond which simplified Newton steps are not worth trying."""
 SETTLED_TOL = 1e-8
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
-
-
-@dataclass(frozen=True, eq=False)
-class QuadraticModel:
-    """Objective and Lagrangian to second order in z at a decision vector.
-
-    Attributes
-    ----------
-    full : (variables,)
-        The decision vector.
-    objective : float
-    gradient : (n,)
-    blocks : (H, C, C)
-        Hessian by the local controls of each step: its own, and all held directions.
-    links : (H, controls)
-        Hessian by each control and the same one of the step before, or the start's.
-    held_rows : (3 D, n), held_rest : (3 D,)
-        Equations of the held directions, held_rows dz = held_rest.
-    rods : CondensedRods
-    targets : sequence of (variables, steps, gradients, changes of gradients)
-        Parts of the tracking cost, for `CondensedWindow.expected_forces`.
-    changes : (variables, C + 1)
-        Changes of controls, held directions and poses of targets by the local controls, and by the
-        Newton step that removes residuals.
-    newton : float
-        Share of that Newton step that a step takes: 1, or 0 where there are no residuals.
-    """
-
-    full: np.ndarray
-    objective: float
-    gradient: np.ndarray
-    blocks: np.ndarray
-    links: np.ndarray
-    held_rows: np.ndarray
-    held_rest: np.ndarray
-    rods: CondensedRods
-    targets: Sequence[tuple[np.ndarray, ...]]
-    changes: np.ndarray
-    newton: float = 1.0
-
-
-def can_condense(window: Window) -> bool:
-    """Whether all rows of a window but its equations are linear, and bounds of one control each.
-
-    Gaps from bodies are not, nor are sides that contract alike.
-    """
-    return not window.gap_rows and not window.motion.spec.weights.symmetric
-
-
-def layout_of(motion: Motion) -> Hashable:
-    """Equal for motions whose windows have the same decision vector, and goals of the same kinds.
-
-    They differ only in numbers: targets, loads, bounds, the start.
-    """
-    steps = []
-    for step in motion.steps:
-        targets = tuple(
-            (target.Z, target.frame, target.position is None, *_kinds(target))
-            for target in step.targets
-        )
-        pull = None if step.pull is None else step.pull[1]
-        limited = step.change.limited.tobytes()
-        steps.append((step.duration, targets, pull, is_hung(step.loads), limited))
-    return motion.extension, motion.spec.weights.symmetric, tuple(steps)
-
-
-def _kinds(target: Target) -> Iterator[tuple[int, HeldDirection | None]]:
-    """Directors with a direction, and where it is held from if it is not fixed."""
-    for j, direction, _ in target.pairs():
-        yield j, direction if isinstance(direction, HeldDirection) else None
 
 
 class CondensedWindow:

@@ -9,7 +9,8 @@ import piqp
 import scipy.sparse as sp
 from scipy.linalg import LinAlgError, cholesky_banded
 
-from .condensed_window import CondensedWindow, QuadraticModel
+from .condensed_window import CondensedWindow
+from .quadratic_model import QuadraticModel
 from .window import Window
 
 QP_TOL = 1e-8

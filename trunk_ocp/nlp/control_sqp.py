@@ -17,7 +17,7 @@ import numpy as np
 from ..reporting import Progress, Reporter
 from ..rod.shape import Shape
 from .condensed_rods import IllConditionedError
-from .condensed_window import CondensedWindow, QuadraticModel
+from .condensed_window import CondensedWindow
 from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
 from .ipopt import Optimizer
 from .outcome import (
@@ -28,6 +28,7 @@ from .outcome import (
     Outcome,
     Solve,
 )
+from .quadratic_model import QuadraticModel
 from .window import Window
 
 LABEL = ("horizon", "re-plan")

@@ -38,8 +38,9 @@ from .options import (
     is_deferred,
     mode_of,
 )
-from .plan import ACCEPTED, Plan, PlanError
+from .plan import Plan, PlanError
 from .planning_run import PlanningRun
+from .status import ACCEPTED
 
 ROUGH_ITERATIONS = 200
 """Most iterations of a step of a plan that only starts a horizon; shipped motions take 45."""

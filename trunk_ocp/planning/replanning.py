@@ -19,19 +19,20 @@ from .._support.provenance import versions
 from .._support.ranges import shown
 from ..contact.exchange import rows_for
 from ..errors import InputError
-from ..nlp.condensed_window import can_condense, layout_of
 from ..nlp.control_sqp import STUCK, ControlSQP, SQPPoint
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
 from ..nlp.outcome import FEASIBILITY_TOL, Outcome
 from ..nlp.window import Window
+from ..nlp.window_layout import can_condense, layout_of
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .decided_steps import DecidedSteps
 from .options import Options, is_deferred
-from .plan import ACCEPTED, Plan, PlanError
+from .plan import Plan, PlanError
 from .planner import seconds_allowed
 from .planning_run import PlanningRun
+from .status import ACCEPTED
 
 
 @dataclass(frozen=True, eq=False)

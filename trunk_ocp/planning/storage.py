@@ -30,10 +30,11 @@ from .._support.toml_files import printable, read_bytes
 from ..contact.gaps import Gap
 from ..errors import InputError
 from ..problem.build import as_built
-from .plan import Plan, Status
+from .plan import Plan
 from .records import gaps_record, solves_json
 from .restoring import check_mesh_size, check_texts, restored
 from .results_folder import set_derived_aside
+from .status import Status
 
 SOLUTION = "solution.nc"
 POINTS = 101

@@ -19,7 +19,8 @@ import numpy as np
 from ..errors import InputError
 from ..model.anatomy import Muscle, Trunk
 from ..model.solids import pivot
-from ..planning.plan import Plan, Status
+from ..planning.plan import Plan
+from ..planning.status import Status
 from ..problem.interpolation import with_marks
 from ..problem.motion import Motion, Step
 from ..problem.step_solids import head_solids
