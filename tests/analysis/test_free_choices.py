@@ -102,7 +102,7 @@ def test_a_plan_that_takes_sides_says_so_and_how_to_mend_it(tmp_path):
         assert (
             f"psi_Z reaches {turned:.3g} deg, and {-turned:.3g} would be equally good" in told_once
         )
-        assert "head_z_deg = [0.0, 0.0]" in told_once
+        assert "symmetric = true in [weights]" in told_once
 
 
 def test_the_mirror_image_really_is_as_good(tmp_path):

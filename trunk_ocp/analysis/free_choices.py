@@ -46,7 +46,7 @@ def one_sided(plan: Plan) -> str:
         degrees = np.degrees(turned)
         sentence = (
             f"psi_Z reaches {degrees:.3g} deg, and {-degrees:.3g} would be equally good; "
-            f"{sentence}; head_z_deg = [0.0, 0.0] in [bounds] keeps the head straight"
+            f"{sentence}; symmetric = true in [weights] gives equal sides and a straight head"
         )
     return sentence
 
