@@ -18,6 +18,7 @@ from ..model.solid_specs import MAX_SOLIDS, ContactSpec, ObstacleSpec
 
 Interpolation = Literal["cosine", "hermite", "none"]
 Origin = Literal["base", "passive-tip"]
+TargetOrigin = Literal["base", "passive-tip", "mouth"]
 Frame = Literal["space", "head"]
 
 MAX_STEPS = 1000
@@ -110,7 +111,7 @@ class TargetSpec(Strict):
     position: Vec3 | None = Field(default=None, description="wanted position of the point, m")
     path: ControlPoints | None = Field(default=None, description=PATH)
     through: WayPoints | None = Field(default=None, description=THROUGH)
-    origin: Origin | Literal["mouth"] = Field(
+    origin: TargetOrigin = Field(
         default="base", description=f'{ORIGIN}; "mouth" implies frame = "head"'
     )
     frame: Frame = Field(
