@@ -22,6 +22,7 @@ from ..rod.collocation import Mesh, gauss
 from ..rod.equations import MOMENT, POSITION, STATES, is_hung, mesh_parameters
 from ..rod.shape import Shape
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
+from .control_costs import ControlCosts
 from .point_functions import base, director, scaled_rates
 from .quadratic_model import QuadraticModel
 from .term_derivatives import first_derivatives, second_derivatives, values
@@ -68,7 +69,7 @@ class CondensedWindow:
         self._trunk, self._mesh, self._length = window.motion.trunk, window.mesh, window.length
         self._segment = segment_at(self._trunk, self._mesh.points[:, 0])
         self._set_points(window)
-        self._set_quadratic(window)
+        self._costs = ControlCosts.of(window)
         self._set_numbers(window)
 
     def renumbered(self, window: Window) -> CondensedWindow:
@@ -97,28 +98,6 @@ class CondensedWindow:
         for t, u in enumerate(window.unknowns):
             for index in (u.x, *(part for pose in u.points.values() for part in pose)):
                 self._step_of[index] = t
-
-    def _set_quadratic(self, window: Window) -> None:
-        """Costs of the controls alone: gradient at zero, diagonal, and links to the step before."""
-        H, n = self.x.shape
-        number = np.full(window.bounds["lbx"].size, -1)
-        number[window.previous], number[self.x] = np.arange(n), n + np.arange(H * n).reshape(H, n)
-        slope, diagonal, links = np.zeros((3, (H + 1) * n))
-        self._constant = 0.0
-        for function, variables, parameters in window.regularization():
-            w, p = np.zeros(variables.T.shape), parameters.T
-            value, first = first_derivatives(function, w, p)
-            second = second_derivatives(function, w, p, np.ones((len(w), 1)))
-            self._constant += float(value.sum())
-            at = number[variables]
-            for i, places in enumerate(at):
-                np.add.at(slope, places, first[:, 0, i])
-                np.add.at(diagonal, places, second[:, i, i])
-            if len(at) == 2:
-                np.add.at(links, at[1], second[:, 0, 1])
-        self._slope, self._diagonal, self._links = (
-            array.reshape(H + 1, n) for array in (slope, diagonal, links)
-        )
 
     def _set_numbers(self, window: Window) -> None:
         """Everything that may change from one motion to the next: targets, loads, the start."""
@@ -210,16 +189,7 @@ class CondensedWindow:
     def objective(self, full: np.ndarray) -> float:
         """Objective at a decision vector whose explicit variables are up to date."""
         goals = (float(values(f, full[v], p).sum()) for f, v, p, _ in self._goals)
-        return sum(goals) + self._quadratic(full[self.x])[0]
-
-    def _quadratic(self, x: np.ndarray) -> tuple[float, np.ndarray]:
-        """Costs of the controls alone: value, and gradient (H, controls)."""
-        x = np.concatenate([self.window.before[None], x])
-        change = self._diagonal * x
-        change[1:] += self._links[1:] * x[:-1]
-        change[:-1] += self._links[1:] * x[1:]
-        value = self._constant + float(np.sum((self._slope + change / 2) * x))
-        return value, (self._slope + change)[1:]
+        return sum(goals) + self._costs.at(self.window.before, full[self.x])[0]
 
     def shape(self, full: np.ndarray) -> Shape:
         """The rods at a settled decision vector, batch axis (H,)."""
@@ -313,11 +283,11 @@ class CondensedWindow:
         rows, rest = self._held_equations(full, changes, multipliers, forces, blocks)
         blocks += self._curvature(rods, head, forces)
         gradient += blocks[:, :C, C]  # along the Newton step
-        value, by_controls = self._quadratic(full[self.x])
+        value, by_controls = self._costs.at(self.window.before, full[self.x])
         whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
         blocks = blocks[:, :C, :C].copy()
-        blocks[:, np.arange(n), np.arange(n)] += self._diagonal[1:]
-        links = self._links[1:]
+        blocks[:, np.arange(n), np.arange(n)] += self._costs.diagonal[1:]
+        links = self._costs.links[1:]
         return QuadraticModel(
             full, objective + value, whole, blocks, links, rows, rest, rods, targets, changes
         )
@@ -331,7 +301,7 @@ class CondensedWindow:
         n, changes = self.x.shape[1], model.changes.copy()
         changes[:, -1] = 0.0
         objective, gradient, _, _, targets = self._tracking(full, changes)
-        value, by_controls = self._quadratic(full[self.x])
+        value, by_controls = self._costs.at(self.window.before, full[self.x])
         whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
         rest = np.zeros_like(model.held_rest)
         return replace(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from numbers import Real
 
@@ -144,21 +145,26 @@ def plan_motion(
             if run.stopped and plan.collisions:
                 plan = _stopped(plan, run)
     parts: list[Optimizer | Plan] = [*([given] if given else []), rough, optimizer, avoiding]
-    plan = plan.with_record(
+    earlier = (given.total_seconds if given else 0) + (checkpoint.seconds if checkpoint else 0)
+    plan = _recorded(plan, parts, time.perf_counter() - began + earlier, options, deferred)
+    if throw and plan.status not in ACCEPTED:
+        raise PlanError(plan)
+    return plan
+
+
+def _recorded(
+    plan: Plan, parts: Sequence[Optimizer | Plan], seconds: float, options: Options, deferred: bool
+) -> Plan:
+    """The plan with the record of all that took part in making it."""
+    return plan.with_record(
         **{name: sum(getattr(part, name) for part in parts) for name in COUNTERS},
-        total_seconds=time.perf_counter()
-        - began
-        + (given.total_seconds if given else 0)
-        + (checkpoint.seconds if checkpoint else 0),
+        total_seconds=seconds,
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
         notes=(*plan.notes, *obstructions(plan.motion), *([] if deferred else plan.doubts)),
         deferred=deferred,
     )
-    if throw and plan.status not in ACCEPTED:
-        raise PlanError(plan)
-    return plan
 
 
 def _check_start(start: Plan | None, motion: Motion) -> None:

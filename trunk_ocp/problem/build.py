@@ -13,14 +13,13 @@ from pydantic import ValidationError
 
 from .._support.arguments import check_arguments
 from .._support.toml_files import is_file, read_toml, shipped
-from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
 from .edits import built_spec
 from .mirror import asks_the_same, mirror_order
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
-from .muscle_patterns import MAX_PATTERN_SHOWN, listed, matching_muscles
+from .muscle_patterns import matching_muscles, muscles_of
 from .plausibility import plausibility_warnings
 from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
 from .start import start_of
@@ -237,12 +236,7 @@ def _box(
     if spec.activation is not None:
         lower[:count], upper[:count] = spec.activation
     for pattern, pair in spec.muscles.items():
-        matching = matches[pattern]
-        if not matching.size:
-            raise InputError(
-                f'{where}.muscles."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a name '
-                f"or pattern of {listed(trunk.muscles)}.{suggestion(pattern, trunk.muscles)}"
-            )
+        matching = muscles_of(pattern, matches, trunk.muscles, f"{where}.muscles")
         lower[matching], upper[matching] = pair
     for index, angles in ((count, spec.head_z_deg), (count + 1, spec.head_y_deg)):
         if angles is not None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 
 import numpy as np
 
+from .._support.wording import suggestion
 from ..errors import InputError
 from .problem_file import ProblemSpec
 
@@ -48,6 +49,25 @@ def pattern_matches(
             i for i, name in enumerate(muscles) if fnmatch.fnmatchcase(name, pattern)
         ]
     return {key: np.array(indices, dtype=int) for key, indices in matches.items()}
+
+
+def muscles_of(
+    pattern: str, matches: Mapping[str, np.ndarray], muscles: tuple[str, ...], where: str
+) -> np.ndarray:
+    """Indices of the muscles that a pattern of a section matches.
+
+    Raises
+    ------
+    InputError
+        If it matches none; names the section, `where`.
+    """
+    matching = matches[pattern]
+    if not matching.size:
+        raise InputError(
+            f'{where}."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a name or pattern '
+            f"of {listed(muscles)}.{suggestion(pattern, muscles)}"
+        )
+    return matching
 
 
 def listed(muscles: tuple[str, ...]) -> str:

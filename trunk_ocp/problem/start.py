@@ -10,11 +10,10 @@ from pydantic import ValidationError
 
 from .._support.arguments import real_array
 from .._support.toml_files import SMALLEST_NUMBER
-from .._support.wording import suggestion
 from ..errors import InputError
 from ..model.activation import strains
 from ..model.anatomy import Trunk
-from .muscle_patterns import MAX_PATTERN_SHOWN, listed
+from .muscle_patterns import muscles_of
 from .problem_file import StartSpec
 
 
@@ -34,13 +33,7 @@ def start_of(spec: StartSpec, trunk: Trunk, matches: Mapping[str, np.ndarray]) -
     count = len(trunk.muscles)
     x0 = np.zeros(count + 2)
     for pattern, value in spec.activation.items():
-        matching = matches[pattern]
-        if not matching.size:
-            raise InputError(
-                f'start.activation."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a '
-                f"name or pattern of {listed(trunk.muscles)}.{suggestion(pattern, trunk.muscles)}"
-            )
-        x0[matching] = value
+        x0[muscles_of(pattern, matches, trunk.muscles, "start.activation")] = value
     x0[count:] = math.radians(spec.head_z_deg), math.radians(spec.head_y_deg)
     extension = strains(trunk, x0[:count])[:, 0]
     for segment in np.flatnonzero(~(extension > 0)).tolist():

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._support.ranges import check
-from .._support.wording import suggestion
-from ..errors import InputError
-from .muscle_patterns import MAX_PATTERN_SHOWN, listed, pattern_matches
+from .muscle_patterns import muscles_of, pattern_matches
 from .problem_file import DEFAULT_EFFORT, DEFAULT_RATE
 
 
@@ -65,10 +63,5 @@ class Weights:
         weights = np.full(len(muscles), DEFAULT_EFFORT)
         matches = pattern_matches(self.effort, muscles, "weights.effort")
         for pattern, value in self.effort.items():
-            if not matches[pattern].size:
-                raise InputError(
-                    f'weights.effort."{pattern[:MAX_PATTERN_SHOWN]}": no such muscle; expected a '
-                    f"name or pattern of {listed(muscles)}.{suggestion(pattern, muscles)}"
-                )
-            weights[matches[pattern]] = value
+            weights[muscles_of(pattern, matches, muscles, "weights.effort")] = value
         return weights
