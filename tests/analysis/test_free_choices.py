@@ -13,9 +13,9 @@ from trunk_ocp.analysis.free_choices import one_sided
 from trunk_ocp.analysis.reached_bounds import at_bounds
 from trunk_ocp.planning.planner import plan_from, plan_motion
 from trunk_ocp.problem.build import load_motion
+from trunk_ocp.problem.load_specs import LoadsSpec
 from trunk_ocp.problem.mirror import is_symmetric, mirrored_controls, mirrored_motion
 from trunk_ocp.problem.motion import Bounds
-from trunk_ocp.problem.problem_file import LoadsSpec
 
 pytestmark = pytest.mark.slow
 

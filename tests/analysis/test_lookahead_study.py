@@ -31,8 +31,8 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
+from trunk_ocp.problem.bound_specs import LimitsSpec
 from trunk_ocp.problem.motion import REFERENCE_LENGTH
-from trunk_ocp.problem.problem_file import LimitsSpec
 from trunk_ocp.problem.weights import Weights
 from trunk_ocp.reporting import Reporter
 

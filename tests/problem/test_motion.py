@@ -16,7 +16,7 @@ from trunk_ocp.model.loads import Loads
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.mirror import mirrored_motion
 from trunk_ocp.problem.motion import HeldDirection, allowed
-from trunk_ocp.problem.problem_file import TargetSpec
+from trunk_ocp.problem.target_specs import TargetSpec
 
 L = 1.75
 EXACT = 1e-12  # decimals in the files are typed out to sixteen digits

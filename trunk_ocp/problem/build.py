@@ -16,12 +16,14 @@ from .._support.toml_files import is_file, read_toml, shipped
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk, build_trunk, read_anatomy
 from ..model.loads import Loads, Vector, vector
+from .bound_specs import ChangeSpec, LimitsSpec
 from .edits import built_spec
+from .load_specs import LoadsSpec, LogSpec
 from .mirror import asks_the_same, mirror_order
 from .motion import HEAD_LIMIT, Auxiliary, Bounds, Log, Motion, Phase, Step
 from .muscle_patterns import matching_muscles, muscles_of
 from .plausibility import plausibility_warnings
-from .problem_file import ChangeSpec, LimitsSpec, LoadsSpec, LogSpec, PhaseSpec, ProblemSpec
+from .problem_file import PhaseSpec, ProblemSpec
 from .start import start_of
 from .step_solids import check_obstacles, head_solids, log_solids, phase_obstacles
 from .targets import HeldDirection, Target, earlier_step, origins_of, phase_targets, wrap_center

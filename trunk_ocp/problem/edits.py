@@ -13,7 +13,8 @@ from typing import Any
 from .._support.toml_files import validated
 from .._support.wording import suggestion
 from ..errors import InputError
-from .problem_file import LoadsSpec, ProblemSpec
+from .load_specs import LoadsSpec
+from .problem_file import ProblemSpec
 
 Data = dict[str, Any]
 """A section of a file."""

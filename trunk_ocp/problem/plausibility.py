@@ -17,9 +17,12 @@ from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Vector, mass_beyond
 from ..model.overlaps import overlapping
 from .bound_plausibility import of_changes, of_start
+from .bound_specs import LimitsSpec
+from .load_specs import LoadsSpec
 from .motion import Motion, Step
-from .problem_file import MAX_STEPS, LimitsSpec, LoadsSpec, PhaseSpec, TargetSpec, WrapSpec
+from .problem_file import MAX_STEPS, PhaseSpec
 from .solid_plausibility import of_mouth, of_obstacles
+from .target_specs import TargetSpec, WrapSpec
 from .targets import Target, bezier, way_points
 
 MAX_WARNINGS = 20

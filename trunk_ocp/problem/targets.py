@@ -16,7 +16,8 @@ from ..model.anatomy import Trunk
 from ..model.loads import Loads, Vector, vector
 from ..model.solids import from_head_frame, turn
 from ..rod.statics import solve_statics
-from .problem_file import HeldSpec, PhaseSpec, ProblemSpec, TargetSpec, WayPoint, WrapSpec
+from .problem_file import PhaseSpec, ProblemSpec
+from .target_specs import HeldSpec, TargetSpec, WayPoint, WrapSpec
 
 MAX_WEIGHT_STRAIN = 10.0  # density g L / E of a passive trunk; 0.02 for the elephant's
 

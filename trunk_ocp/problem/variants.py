@@ -17,20 +17,11 @@ from .._support.ranges import shown
 from .._support.toml_files import SMALLEST_NUMBER
 from ..errors import InputError
 from ..model.solid_specs import CONTACT_KINDS, ContactSpec, ObstacleSpec
+from .bound_specs import BoundsSpec, ChangeSpec, LimitsSpec
+from .load_specs import LoadsSpec
 from .muscle_patterns import mirrored_pattern
-from .problem_file import (
-    BoundsSpec,
-    ChangeSpec,
-    HeldSpec,
-    LimitsSpec,
-    LoadsSpec,
-    PhaseSpec,
-    ProblemSpec,
-    StartSpec,
-    TargetSpec,
-    WeightsSpec,
-    WrapSpec,
-)
+from .problem_file import PhaseSpec, ProblemSpec, StartSpec, WeightsSpec
+from .target_specs import HeldSpec, TargetSpec, WrapSpec
 
 Numbers = tuple[float, ...]
 Point = Callable[[np.ndarray], np.ndarray]
