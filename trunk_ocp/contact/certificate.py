@@ -1,9 +1,9 @@
 """Lower bounds of gaps between sample points along the trunk, and between instants.
 
 The surface point of the disc at (Z, t) in some direction, x(Z, t), lies on a cell of a grid in Z
-and t beyond its bilinear interpolant along a unit vector n by at most
+and t below its bilinear interpolant, along a unit vector n, by at most
 
-    e = h^2 / 8 max(0, sup -n . x_ZZ) + k^2 / 8 max(0, sup -n . x_tt).
+    e = h^2 / 8 max(0, sup n . x_ZZ) + k^2 / 8 max(0, sup n . x_tt).
 
 By (*) of `model.solids`, the distance from a convex solid is at least a linear function l(x) with
 gradient n, whose minimum over a bilinear patch is at a corner. So a cell is at least (least of l
@@ -59,11 +59,11 @@ class Curving:
             np.maximum.reduceat(self.turning, starts, axis=1),
         )
 
-    def beyond(self, pieces: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """How far some pieces (K,) reach beyond their chords along unit vectors (C, K, 3)."""
+    def below(self, pieces: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """How far some pieces (K,) may lie below their chords along unit vectors (C, K, 3)."""
         low, high = self.low[:, pieces], self.high[:, pieces]
-        inward = dot(normal, low + high) - SAFETY * dot(np.abs(normal), high - low)
-        return np.asarray(np.maximum(self.turning[:, pieces] - inward / 2, 0.0) / 8)
+        twice = dot(normal, low + high) + SAFETY * dot(np.abs(normal), high - low)
+        return np.asarray(np.maximum(twice / 2 + self.turning[:, pieces], 0.0) / 8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +73,9 @@ class Error:
     along: Curving
     in_time: Curving
 
-    def beyond(self, pieces: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def below(self, pieces: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Error e (C, K) of some pieces (K,) along unit vectors (C, K, 3)."""
-        return self.along.beyond(pieces, normal) + self.in_time.beyond(pieces, normal)
+        return self.along.below(pieces, normal) + self.in_time.below(pieces, normal)
 
 
 def solid_bounds(
@@ -97,7 +97,7 @@ def solid_bounds(
     rim = middle - (radius / _positive(_norm(across)))[..., None] * across
     distance, normal = signed_distance(solid, rim)
     least = np.min([_extent(discs, index, normal, -1) for discs, index in corners], axis=0)
-    return np.asarray(distance - dot(normal, rim) + least - error.beyond(pieces, normal))
+    return np.asarray(distance - dot(normal, rim) + least - error.below(pieces, normal))
 
 
 def pair_bounds(instants: Sequence[Tube], error: Error, pairs: np.ndarray) -> np.ndarray:
@@ -114,8 +114,8 @@ def pair_bounds(instants: Sequence[Tube], error: Error, pairs: np.ndarray) -> np
     normal = between / _positive(np.sqrt(dot(between, between)))[..., None]
     low = np.min([_extent(discs, i, normal, -1) for discs, i in pieces[0]], axis=0)
     high = np.max([_extent(discs, i, normal, 1) for discs, i in pieces[1]], axis=0)
-    beyond = error.beyond(pairs[:, 0], normal) + error.beyond(pairs[:, 1], -normal)
-    return np.asarray(low - high - beyond)
+    off = error.below(pairs[:, 0], normal) + error.below(pairs[:, 1], -normal)
+    return np.asarray(low - high - off)
 
 
 def curving_along(instants: Sequence[Tube]) -> Curving:
@@ -141,9 +141,11 @@ def _curving_along(discs: Tube) -> Curving:
     twist -= dot(twist, tangent)[..., None] * tangent  # discs only have points across d_3
     turning = discs.radius[:, 1:-1] * (SAFETY * _norm(twist) + spin**2) + 2 * growth * spin
     nearby = _beside(np.where(known[:, None], middle, np.nan), 2)
+    nearby[0][np.isnan(nearby[1])] = np.nan  # beyond a break
+    nearby[3][np.isnan(nearby[2])] = np.nan
     low, high = np.fmin.reduce(nearby), np.fmax.reduce(nearby)
-    size = np.where(np.sum(~np.isnan(nearby[..., 0]), axis=0) > 1, 0.0, 1.0)[..., None]
-    low, high = low - size * np.abs(low), high + size * np.abs(high)  # one tells nothing of others
+    single = np.sum(~np.isnan(nearby[..., :1]), axis=0) == 1  # tells nothing of others
+    low, high = low - single * np.abs(low), high + single * np.abs(high)
     turning = np.fmax.reduce(_beside(np.where(known, turning, np.nan), 1))
     unknown = np.isnan(turning)
     return Curving(
