@@ -107,7 +107,7 @@ def test_bounds_along_the_trunk_hold_and_converge(shape):
             least = signed_distance(solid, dense(motion, n, times))[0].min(axis=(2, 3))
             assert np.all(bounds <= least)
             gaps = solid_gaps(motion(np.linspace(0, 1, 1001), times), solid)
-            lost.append(abs(gaps.min() - bounds.min()))
+            lost.append(max(gaps.min() - bounds.min(), 0.0))  # some bounds are sharper than gaps
     assert np.mean(slack[64]) < np.mean(slack[16]) / 6
     assert max(slack[64]) < 0.01
 
@@ -129,7 +129,6 @@ def test_bounds_between_instants_hold_and_converge(shape):
                 least = signed_distance(solid, points)[0].min(axis=(0, 2, 3))
                 assert np.all(bounds <= least)
                 moving = motion(np.linspace(0, 1, 401), np.linspace(*ends, 7))
-                # Bounds may be sharper than the gaps of discs that face the solid.
                 lost.append(max(solid_gaps(moving, solid).min() - bounds.min(), 0.0))
     assert np.mean(slack[0.4]) < np.mean(slack[1.6]) / 3
     assert max(slack[0.4]) < 0.01

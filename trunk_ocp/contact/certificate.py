@@ -87,17 +87,38 @@ def solid_bounds(
     pieces : (P,), by their first disc.
     """
     corners = [(discs, pieces + end) for discs in instants for end in (0, 1)]
-    middle, tangent, radius = (
-        np.mean([getattr(discs, name)[:, index] for discs, index in corners], axis=0)
-        for name in ("center", "tangent", "radius")
-    )
-    # With the gradient where the rim is nearest, not at the center, tilted discs lose nothing.
-    normal = signed_distance(solid, middle)[1]
-    across = normal - dot(normal, tangent)[..., None] * tangent
-    rim = middle - (radius / _positive(_norm(across)))[..., None] * across
-    distance, normal = signed_distance(solid, rim)
+    offset, normal = _plane(solid, *_mean_disc(corners))
     least = np.min([_extent(discs, index, normal, -1) for discs, index in corners], axis=0)
-    return np.asarray(distance - dot(normal, rim) + least - error.below(pieces, normal))
+    return np.asarray(offset + least - error.below(pieces, normal))
+
+
+def _mean_disc(corners: Sequence[tuple[Tube, np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """Center (C, P, 3), normal, and radius (C, P) of a disc between some discs."""
+    parts = ("center", "tangent", "radius")
+    return tuple(
+        np.mean([getattr(discs, name)[:, index] for discs, index in corners], axis=0)
+        for name in parts
+    )
+
+
+def _plane(
+    solid: Solid, center: np.ndarray, tangent: np.ndarray, radius: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Offset (C, P) and unit normal (C, P, 3) of planes; the solid is as far away, or farther.
+
+    The tangent plane of the distance at the center of a disc, or that at the point of its rim
+    which is nearest by the first: whichever is farther from the disc, if that is tilted.
+    """
+    distance, normal = signed_distance(solid, center)
+    across = normal - dot(normal, tangent)[..., None] * tangent
+    rim = center - (radius / _positive(_norm(across)))[..., None] * across
+    at_rim, normal_there = signed_distance(solid, rim)
+    planes = ((distance, center, normal), (at_rim, rim, normal_there))
+    offsets = [value - dot(n, point) for value, point, n in planes]
+    reach = [radius * np.sqrt(np.maximum(1 - dot(n, tangent) ** 2, 0)) for *_, n in planes]
+    gaps = [c + dot(n, center) - r for c, (*_, n), r in zip(offsets, planes, reach, strict=True)]
+    better = gaps[1] > gaps[0]
+    return np.where(better, *offsets[::-1]), np.where(better[..., None], normal_there, normal)
 
 
 def pair_bounds(instants: Sequence[Tube], error: Error, pairs: np.ndarray) -> np.ndarray:
