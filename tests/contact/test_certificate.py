@@ -189,6 +189,14 @@ def straight(offsets, radius=0.05):
     return Tube(Z, center, tangent, np.full(center.shape[:2], radius))
 
 
+def test_a_tilted_disc_is_bounded_by_its_rim_not_by_the_direction_of_its_center():
+    discs = straight(np.zeros((1, 3)))
+    ball = Solid("it", "obstacles", "sphere", (1.1, 0.0, 0.2), sizes=(0.05,))
+    rim = np.hypot(0.1, 0.15) - 0.05
+    bound = bounds_along(discs, ball).min()
+    assert solid_gaps(discs, ball).min() < rim - 1e-3 < bound <= rim
+
+
 def test_a_motion_with_an_inflection_in_the_middle_is_not_taken_for_a_straight_one():
     t = np.linspace(-1, 1, 5)
     path = np.stack([0 * t, 0 * t, 0.1 * t**3], axis=-1)
