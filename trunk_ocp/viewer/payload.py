@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -31,8 +30,8 @@ from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
 from ..scene.surroundings import Mark, logs, marks, tip_mass
+from .sections import Grid, section_grid
 
-SECTIONS = 48  # cross-sections along the trunk, about
 SAMPLE_RATE = 25.0  # per second of motion
 MIN_SAMPLES, MAX_SAMPLES = 24, 120  # of a motion, however short or long
 
@@ -171,24 +170,6 @@ def _marks(plan: Plan) -> list[tuple[Step, Mark]]:
     """Every target of every planned step."""
     steps = plan.motion.steps[: len(plan.x)]
     return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number)]
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Points Z (n,) in m of the cross-sections; segment i begins at index `edges[i]`."""
-
-    Z: np.ndarray
-    edges: tuple[int, ...]
-
-
-def section_grid(trunk: Trunk) -> Grid:
-    """Cross-sections of a trunk; every edge between segments has one."""
-    Z, edges = [np.zeros(1)], [0]
-    for start, end in pairwise(trunk.edges):
-        intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
-        Z.append(np.linspace(start, end, intervals + 1)[1:])
-        edges.append(edges[-1] + intervals)
-    return Grid(np.concatenate(Z), tuple(edges))
 
 
 def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
