@@ -28,6 +28,11 @@ MODULES = (
     "axes",
     "bar",
     "controls",
+    "sliders",
+    "trial",
+    "drag",
+    "physics",
+    "tryit",
     "main",
 )
 IMPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE)
@@ -42,6 +47,7 @@ def bundled(data: dict[str, Any]) -> str:
         "license": _read("vendor/LICENSE"),
         "three": _read("vendor/three.min.js"),
         "data": embedded(data),
+        "module": "",
         "viewer": "\n".join(_module(name) for name in MODULES),
     }
     # In one pass, so that {{names}} inside a part are never replaced.

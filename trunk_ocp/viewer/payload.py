@@ -31,6 +31,7 @@ from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
 from ..scene.surroundings import Mark, logs, marks, tip_mass
+from .physics_tables import physics_tables
 from .try_it import plan_controls
 
 SECTIONS = 48  # cross-sections along the trunk, about
@@ -205,6 +206,7 @@ def trunk_of(trunk: Trunk, grid: Grid) -> dict[str, Any]:
     return {
         "Z": encoded(grid.Z),
         "taper": encoded(trunk.taper(grid.Z)),
+        "tables": physics_tables(trunk, grid.Z),
         "radius": trunk.base_radius,
         "length": trunk.length,
         "colors": group_colors(trunk),

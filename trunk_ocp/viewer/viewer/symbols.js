@@ -32,7 +32,13 @@ export class Symbols {
     paint(this.arrows, (i) => ARROW_COLORS[plan.arrows[i].director]);
   }
 
+  /** Targets of the instant shown last. */
+  current() {
+    return this.plan.targets.filter((target) => isCurrent(target, this.time));
+  }
+
   show(time) {
+    this.time = time;
     const { targets, arrows, trunk } = this.plan;
     targets.forEach((target, i) => {
       const size = Math.min(DOT_SIZE * radiusAt(trunk, target.Z), MOST.dot * trunk.length);
@@ -50,6 +56,27 @@ export class Symbols {
       mesh.material.dispose();
       mesh.dispose();
     }
+  }
+}
+
+/** A line from a point of the trunk to where it is pulled, while it is not there. */
+export class PullLine {
+  constructor() {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3));
+    this.mesh = new THREE.LineLoop(geometry, new THREE.LineBasicMaterial({ color: 0xb00020, depthTest: false }));
+    this.mesh.frustumCulled = false;
+    this.mesh.renderOrder = 4;
+    this.mesh.visible = false;
+  }
+
+  /** Show a pull {Z, target, reached}, or nothing, on cross-sections at points Z. */
+  show(pull, { position }, Z) {
+    this.mesh.visible = Boolean(pull && !pull.reached);
+    if (!this.mesh.visible) return;
+    const j = Z.findIndex((z) => z >= pull.Z - 1e-9);
+    this.mesh.geometry.attributes.position.array.set([...position.subarray(3 * j, 3 * j + 3), ...pull.target]);
+    this.mesh.geometry.attributes.position.needsUpdate = true;
   }
 }
 
