@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -37,6 +38,7 @@ BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2)
 FORMATS = ("pdf", "png")
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
+SCREEN_DPI = 120.0  # in notebooks
 MAX_PIXELS = 30_000  # on either side of an image; the renderer's limit is 65,535
 MAX_LEGEND_PHASES = 6
 LEGEND_LETTERS = 70  # in a line of a legend
@@ -85,9 +87,18 @@ def styled() -> AbstractContextManager[None]:
     return matplotlib.rc_context(LOOK)
 
 
+class ShownFigure(Figure):
+    """A figure that notebooks show as it is, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        picture = io.BytesIO()
+        self.savefig(picture, format="png", dpi=SCREEN_DPI)
+        return picture.getvalue()
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure of a size in mm."""
-    return Figure(figsize=(width * MM, height * MM))
+    return ShownFigure(figsize=(width * MM, height * MM))
 
 
 def save(figure: Figure, folder: str | Path, name: str, formats: Sequence[str]) -> list[Path]:
