@@ -9,8 +9,7 @@ import numpy as np
 from ..errors import InputError, TrunkError
 from ..model.anatomy import Trunk
 from ..planning.plan import Plan
-from ..viewer.bundle import page
-from ..viewer.payload import payload
+from ..viewer import page
 
 if TYPE_CHECKING:
     from .widget import View
@@ -41,6 +40,5 @@ def opened(shown: Plan | Trunk, height: int) -> View:
             f"height = {height!r}: expected a whole number of pixels, "
             f"{HEIGHTS[0]} to {HEIGHTS[-1]}."
         )
-    if isinstance(shown, Plan):
-        return View(page(payload([shown])), height, shown.motion.start)
-    return View(page(shown), height, np.zeros(len(shown.muscles) + 2))
+    start = shown.motion.start if isinstance(shown, Plan) else np.zeros(len(shown.muscles) + 2)
+    return View(page(shown), height, start)

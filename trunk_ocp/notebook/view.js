@@ -28,11 +28,12 @@ function render({ model, el }) {
   };
 
   const save = () => {
-    saving = true;
-    for (const [name, value] of Object.entries(heard)) model.set(name, value);
-    saving = false;
-    model.save_changes();
+    const news = Object.entries(heard).filter(([name, value]) => !same(value, model.get(name)));
     [heard, timer] = [{}, null];
+    saving = true;
+    for (const [name, value] of news) model.set(name, value);
+    saving = false;
+    if (news.length) model.save_changes();
   };
 
   const tell = (name, ...traits) => {
@@ -61,6 +62,11 @@ function render({ model, el }) {
     model.off("change:head", tellControls);
     clearTimeout(timer);
   };
+}
+
+/** Whether two numbers, or lists of numbers, are the same. */
+function same(a, b) {
+  return String(a) === String(b);
 }
 
 export default { render };

@@ -1,0 +1,130 @@
+"""The widget in real notebooks: the page moves, and what is moved on it comes back to Python."""
+
+import json
+import os
+import re
+from pathlib import Path
+
+import notebooks
+import pytest
+from playwright.sync_api import sync_playwright
+from programs import CHROMIUM, needs
+
+pytestmark = pytest.mark.slow
+
+ARGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+PLAN = """
+import numpy as np
+from toys import shortening
+import trunk_ocp as to
+plan = to.plan_motion(shortening([-0.2, -0.4]))
+view = plan.view(height=420)
+"""
+LOGGED = """
+import json
+from pathlib import Path
+
+def note(change):
+    Path("said.json").write_text(json.dumps([view.time, view.activation, view.head]))
+
+view.observe(note, ["time", "activation", "head"])
+view
+"""
+SET = "view.time = 0.7"
+SET_CONTROLS = "view.activation, view.head = np.array([-0.1, -0.3]), (0.1, 0.2)"
+FINISH = "Path('settings.txt').write_text('done')"
+
+APP = f"""
+import marimo
+app = marimo.App()
+
+@app.cell
+def _():
+    import marimo as mo
+{PLAN.replace(chr(10), chr(10) + "    ")}
+    widget = mo.ui.anywidget(view)
+    button = mo.ui.button(label="to 0.7 s", on_click=lambda _: setattr(view, "time", 0.7))
+    return mo, view, widget, button
+
+@app.cell
+def _(mo, widget, button):
+    mo.vstack([button, widget])
+
+@app.cell
+def _(mo, widget):
+    mo.md(f"shown: {{widget.value['time']:.2f}} s, {{widget.value['activation'][1]:.2f}}")
+"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    needs(CHROMIUM)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def tab(browser, request, tmp_path):
+    context = browser.new_context(
+        viewport={"width": 1200, "height": 900}, reduced_motion="reduce"
+    )  # the page does not start by itself
+    context.set_default_timeout(60_000)
+    yield (page := context.new_page())
+    shots = Path(os.environ.get("TRUNK_OCP_SCREENSHOTS", tmp_path))
+    page.screenshot(path=shots / f"{request.node.name}.png")
+    context.close()
+
+
+def opened(tab):
+    """The page of the trunk within a notebook, ready."""
+    frame = tab.wait_for_selector("iframe[title=trunk]").content_frame()
+    frame.wait_for_selector("body[data-ready]")
+    return frame
+
+
+def slide(frame, selector, value):
+    """Move a slider of the page."""
+    move = "(e, v) => { e.value = v; e.dispatchEvent(new Event('input', { bubbles: true })); }"
+    frame.locator(selector).first.evaluate(move, value)
+
+
+def test_in_jupyter_the_page_and_python_move_each_other(tab, tmp_path):
+    said = tmp_path / "said.json"
+
+    def python():
+        return json.loads(said.read_text()) if said.exists() else [None, None, None]
+
+    with notebooks.jupyter(tmp_path, [PLAN + LOGGED, SET, SET_CONTROLS]) as address:
+        tab.goto(address)
+        notebooks.run_next_cell(tab)
+        frame = opened(tab)
+        # Of the page's two times, the one in Python is what was moved on the page.
+        slide(frame, "#time", 1.5)
+        notebooks.until(lambda: python()[0] == 1.5)
+        # Another window than the page's is not believed.
+        tab.evaluate("() => postMessage({ trunkPage: 'time', detail: { time: 0.3 } }, '*')")
+        notebooks.run_next_cell(tab)
+        notebooks.until(lambda: frame.evaluate("() => trunkPage.clock.time") == 0.7)
+        assert python()[0] == 0.7
+        notebooks.run_next_cell(tab)
+        tried = "() => trunkPage.trial && [...trunkPage.trial.activation, ...trunkPage.trial.head]"
+        notebooks.until(lambda: frame.evaluate(tried) == [-0.1, -0.3, 0.1, 0.2])
+        slide(frame, "#try-muscles input", -0.25)
+        notebooks.until(lambda: python()[1] in ([-0.25, -0.25], [-0.25, -0.3]))
+        assert python()[2] == [0.1, 0.2]
+        tab.screenshot(path=tmp_path / "jupyter.png")
+
+
+def test_in_marimo_the_page_and_python_move_each_other(tab, tmp_path):
+    with notebooks.marimo(tmp_path, APP) as address:
+        tab.goto(address)
+        frame = opened(tab)
+        slide(frame, "#time", 1.5)
+        tab.get_by_text(re.compile(r"shown: 1\.50 s")).wait_for()
+        tab.get_by_role("button", name="to 0.7 s").click()
+        notebooks.until(lambda: frame.evaluate("() => trunkPage.clock.time") == 0.7)
+        frame.locator("#try-button").click()
+        slide(frame, "#try-muscles input", -0.25)
+        tab.get_by_text(re.compile(r"-0\.25")).wait_for()
