@@ -25,14 +25,16 @@ import json
 from pathlib import Path
 
 def note(change):
-    Path("said.json").write_text(json.dumps([view.time, view.activation, view.head]))
+    new = Path("new.json")
+    new.write_text(json.dumps([view.time, view.activation, view.head, view.dragged]))
+    new.replace("said.json")
 
-view.observe(note, ["time", "activation", "head"])
+view.observe(note, ["time", "activation", "head", "dragged"])
 view
 """
 SET = "view.time = 0.7"
 SET_CONTROLS = "view.activation, view.head = np.array([-0.1, -0.3]), (0.1, 0.2)"
-FINISH = "Path('settings.txt').write_text('done')"
+ANOTHER = "view.show(to.plan_motion(shortening([-0.3, -0.5, -0.5])))"
 
 APP = f"""
 import marimo
@@ -44,15 +46,17 @@ def _():
 {PLAN.replace(chr(10), chr(10) + "    ")}
     widget = mo.ui.anywidget(view)
     button = mo.ui.button(label="to 0.7 s", on_click=lambda _: setattr(view, "time", 0.7))
-    return mo, view, widget, button
+    trunk = mo.ui.anywidget(plan.motion.trunk.view(height=420))
+    return mo, widget, button, trunk
 
 @app.cell
-def _(mo, widget, button):
-    mo.vstack([button, widget])
+def _(mo, widget, button, trunk):
+    mo.vstack([button, widget, trunk])
 
 @app.cell
-def _(mo, widget):
-    mo.md(f"shown: {{widget.value['time']:.2f}} s, {{widget.value['activation'][1]:.2f}}")
+def _(mo, widget, trunk):
+    both = [each.value["activation"][1] for each in (widget, trunk)]
+    mo.md(f"shown: {{widget.value['time']:.2f}} s, {{both[0]:.2f}} and {{both[1]:.2f}}")
 """
 
 
@@ -77,9 +81,10 @@ def tab(browser, request, tmp_path):
     context.close()
 
 
-def opened(tab):
-    """The page of the trunk within a notebook, ready."""
-    frame = tab.wait_for_selector("iframe[title=trunk]").content_frame()
+def opened(tab, number=0):
+    """A page of a trunk within a notebook, ready."""
+    tab.locator("iframe[title=trunk]").nth(number).wait_for()
+    frame = tab.locator("iframe[title=trunk]").nth(number).element_handle().content_frame()
     frame.wait_for_selector("body[data-ready]")
     return frame
 
@@ -94,9 +99,10 @@ def test_in_jupyter_the_page_and_python_move_each_other(tab, tmp_path):
     said = tmp_path / "said.json"
 
     def python():
-        return json.loads(said.read_text()) if said.exists() else [None, None, None]
+        return json.loads(said.read_text()) if said.exists() else [None] * 4
 
-    with notebooks.jupyter(tmp_path, [PLAN + LOGGED, SET, SET_CONTROLS]) as address:
+    cells = [PLAN + LOGGED, SET, SET_CONTROLS, ANOTHER]
+    with notebooks.jupyter(tmp_path, cells) as address:
         tab.goto(address)
         notebooks.run_next_cell(tab)
         frame = opened(tab)
@@ -114,7 +120,12 @@ def test_in_jupyter_the_page_and_python_move_each_other(tab, tmp_path):
         slide(frame, "#try-muscles input", -0.25)
         notebooks.until(lambda: python()[1] in ([-0.25, -0.25], [-0.25, -0.3]))
         assert python()[2] == [0.1, 0.2]
-        tab.screenshot(path=tmp_path / "jupyter.png")
+        pulled = {"what": "target", "name": "phases[1].targets[1]", "position": [0, 0, 0.9]}
+        pulled["done"] = True
+        frame.evaluate("(pulled) => trunkPage.bridge.emit('drag', pulled)", pulled)
+        notebooks.until(lambda: python()[3] == pulled)
+        notebooks.run_next_cell(tab)
+        notebooks.until(lambda: frame.evaluate("() => trunkPage.clock.duration") == 3.0)
 
 
 def test_in_marimo_the_page_and_python_move_each_other(tab, tmp_path):
@@ -127,4 +138,6 @@ def test_in_marimo_the_page_and_python_move_each_other(tab, tmp_path):
         notebooks.until(lambda: frame.evaluate("() => trunkPage.clock.time") == 0.7)
         frame.locator("#try-button").click()
         slide(frame, "#try-muscles input", -0.25)
-        tab.get_by_text(re.compile(r"-0\.25")).wait_for()
+        tab.get_by_text(re.compile(r"-0\.25 and 0\.00")).wait_for()
+        slide(opened(tab, 1), "#try-muscles input", -0.5)
+        tab.get_by_text(re.compile(r"shown: 0\.70 s, -0\.25 and -0\.50")).wait_for()

@@ -19,11 +19,13 @@ function render({ model, el }) {
   const hear = ({ source, data }) => {
     if (source !== frame.contentWindow) return;
     if (data?.trunkPage === "ready") greet();
-    if (data?.trunkPage !== "time" && data?.trunkPage !== "controls") return;
-    const { time, activation, head } = data.detail;
-    for (const [name, value] of Object.entries({ time, activation, head })) {
-      if (value !== undefined) heard[name] = typeof value === "number" ? value : Array.from(value);
-    }
+    else if (data?.trunkPage === "drag") heard.dragged = data.detail;
+    else if (data?.trunkPage === "time" || data?.trunkPage === "controls") {
+      const { time, activation, head } = data.detail;
+      for (const [name, value] of Object.entries({ time, activation, head })) {
+        if (value !== undefined) heard[name] = value;
+      }
+    } else return;
     timer ??= setTimeout(save, PERIOD);
   };
 
@@ -36,37 +38,41 @@ function render({ model, el }) {
     if (news.length) model.save_changes();
   };
 
-  const tell = (name, ...traits) => {
-    if (saving) return;
-    const detail = Object.fromEntries(traits.map((trait) => [trait, model.get(trait)]));
-    frame.contentWindow?.postMessage({ trunkPage: name, detail }, "*");
+  const tell = (name, detail) => {
+    if (!saving) frame.contentWindow?.postMessage({ trunkPage: name, detail }, "*");
   };
-  const tellTime = () => tell("time", "time");
-  const tellControls = () => tell("controls", "activation", "head");
+  const tellTime = () => tell("time", { time: model.get("time") });
+  const tellControls = () => {
+    tell("controls", { activation: model.get("activation"), head: model.get("head") });
+  };
+  const tellPlan = () => tell("plan", model.get("plan"));
 
   /** A page that just opened gets what was set before, as after a reload of the notebook. */
   const greet = () => {
+    if (model.get("plan")) tellPlan();
     if (model.get("time") > 0) tellTime();
     if (model.get("moved")) tellControls();
   };
 
+  const listeners = [
+    ["change:plan", tellPlan],
+    ["change:time", tellTime],
+    ["change:activation", tellControls],
+    ["change:head", tellControls],
+  ];
   addEventListener("message", hear);
-  model.on("change:time", tellTime);
-  model.on("change:activation", tellControls);
-  model.on("change:head", tellControls);
+  for (const listener of listeners) model.on(...listener);
   el.replaceChildren(frame);
   return () => {
     removeEventListener("message", hear);
-    model.off("change:time", tellTime);
-    model.off("change:activation", tellControls);
-    model.off("change:head", tellControls);
+    for (const listener of listeners) model.off(...listener);
     clearTimeout(timer);
   };
 }
 
-/** Whether two numbers, or lists of numbers, are the same. */
+/** Whether two traits have the same value. */
 function same(a, b) {
-  return String(a) === String(b);
+  return JSON.stringify(a) === JSON.stringify(b);
 }
 
 export default { render };

@@ -11,6 +11,8 @@ import traitlets
 
 from .._support.arguments import real_array
 from ..errors import InputError
+from ..planning.plan import Plan
+from ..viewer.payload import payload
 
 
 class Numbers(traitlets.List[float]):
@@ -36,6 +38,10 @@ class View(anywidget.AnyWidget):
         Of the muscles, as last set on the page or here; at first those of the start.
     head : list
         psi_Z and psi_Y in rad, likewise.
+    dragged : dict or None
+        What was last pulled on the page: `what`, "target" or "trunk"; its `name`, such as
+        "phases[1].targets[1]" of the problem file, or "Z = 1.75"; the `position` (3,) in m that it
+        was pulled to; and whether it was let go, `done`.
     """
 
     _esm = (files(__package__) / "view.js").read_text(encoding="utf-8")
@@ -46,12 +52,27 @@ class View(anywidget.AnyWidget):
     time = traitlets.Float(0.0).tag(sync=True)
     activation = Numbers().tag(sync=True)
     head = Numbers().tag(sync=True)
+    dragged = traitlets.Dict(default_value=None, allow_none=True).tag(sync=True)
+    plan = traitlets.Dict(default_value=None, allow_none=True).tag(sync=True)
+    """What `show` put in place of the first plan, as the page gets it."""
 
     def __init__(self, page: str, height: int, start: np.ndarray) -> None:
         super().__init__(
             page=page, height=height, activation=start[:-2].tolist(), head=start[-2:].tolist()
         )
         self.observe(self._mark_moved, ["activation", "head"])
+
+    def show(self, plan: Plan) -> None:
+        """Show another plan instead, at the same instant and from the same side.
+
+        Raises
+        ------
+        InputError
+            If it has no time steps.
+        """
+        if not len(plan.x):
+            raise InputError(f"{plan.motion.name}: the plan has no time steps; nothing to show.")
+        self.plan = payload([plan])
 
     def _mark_moved(self, change: object) -> None:
         self.moved = True
