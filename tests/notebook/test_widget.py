@@ -10,6 +10,8 @@ from toys import TRUNK, shortening
 
 from trunk_ocp.errors import InputError, TrunkError
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.replanning import Replanner
+from trunk_ocp.viewer.payload import payload
 
 
 @pytest.fixture(scope="module")
@@ -93,3 +95,22 @@ def test_a_picture_loads_neither_matplotlib_nor_widgets():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_dragged_target_can_be_planned_again():
+    """The loop of docs/how-to/notebooks.md."""
+    plan = plan_motion(shortening([-0.2]))
+    view, replanner = plan.view(), Replanner(plan)
+
+    def replan(change):
+        dragged = change["new"]
+        if dragged["what"] == "target" and dragged["done"]:
+            view.show(replanner(plan.motion.retarget(position=dragged["position"])))
+
+    view.observe(replan, "dragged")
+    (name,) = {target["name"] for target in payload([plan])["plans"][0]["targets"]}
+    view.dragged = {"what": "target", "name": name, "position": [0, 0, 0.9], "done": False}
+    assert view.plan is None
+    view.dragged = {"what": "target", "name": name, "position": [0, 0, 0.9], "done": True}
+    (target,) = view.plan["plans"][0]["targets"]
+    assert target["position"] == [0, 0, 0.9]
