@@ -1,22 +1,17 @@
-// Dragging with a pointer: a point of the trunk while the user tries, or a target that someone
-// outside plans for.
+// Dragging a point of the trunk with a pointer, parallel to the screen.
 
 /* global THREE */
 import { bridge } from "./bridge.js";
 
-const TARGET_DISTANCE = 16; // px from a target's dot
-
 /**
- * Turns pointers on the canvas into drags.
+ * Turns pointers on the canvas into pulls.
  *
- * `grabTrunk(number, raycaster)` gives {Z, position} of the trunk's point under a ray, or null;
+ * `grab(number, raycaster)` gives {Z, position} of the trunk's point under a ray, or null;
  * `pull({Z, position, done})` is called while it is dragged. Positions are in m, in model axes.
  */
-export class Drag {
-  constructor(stage, { grabTrunk, pull }) {
-    this.stage = stage;
-    this.grabTrunk = grabTrunk;
-    this.pull = pull;
+export class TrunkDrag {
+  constructor(stage, { grab, pull }) {
+    Object.assign(this, { stage, grab, pull });
     this.held = null;
     // On the parent and in the capture phase, before the camera's controls get the event.
     const parent = stage.canvas.parentElement;
@@ -28,43 +23,22 @@ export class Drag {
   }
 
   down(event) {
-    if (this.held) return event.stopPropagation(); // a second finger
+    if (this.held) return event.stopImmediatePropagation(); // a second finger
     if (event.target !== this.stage.canvas || !event.isPrimary || event.button !== 0) return;
     const at = this.stage.rayAt(event);
-    const grabbed = at && (this.grab(at) ?? this.grabTarget(at.number, event));
-    if (!grabbed) return;
-    event.stopPropagation();
+    const point = at && this.grab(at.number, at.raycaster);
+    if (!point) return;
+    event.stopImmediatePropagation();
     this.stage.canvas.setPointerCapture(event.pointerId);
-    const depth = depthPlane(at.raycaster, grabbed.position);
-    const from = this.onPlane(event, at.number, depth);
-    this.held = { ...grabbed, number: at.number, depth, from, pointer: event.pointerId, moved: false };
-  }
-
-  grab({ number, raycaster }) {
-    const point = this.grabTrunk(number, raycaster);
-    return point && { what: "trunk", name: `Z = ${point.Z.toFixed(3)}`, ...point };
-  }
-
-  /** The target shown nearest to a pointer, if someone plans for targets. */
-  grabTarget(number, event) {
-    if (!bridge.heard("drag")) return null;
-    const box = this.stage.canvas.getBoundingClientRect();
-    const scene = this.stage.scenes[number];
-    let best = { distance: TARGET_DISTANCE, target: null };
-    for (const target of scene.symbols.current()) {
-      const [x, y] = this.stage.pointAt(number, target.position);
-      const distance = Math.hypot(event.clientX - box.x - x, event.clientY - box.y - y);
-      if (distance < best.distance) best = { distance, target };
-    }
-    const { target } = best;
-    return target && { what: "target", name: target.name, Z: target.Z, position: target.position };
+    const plane = planeThrough(point.position, this.stage.camera);
+    const from = this.onPlane(event, at.number, plane);
+    this.held = { ...point, number: at.number, plane, from, pointer: event.pointerId, moved: false };
   }
 
   move(event) {
-    const { held } = this;
-    if (held?.pointer !== event.pointerId) return;
+    if (this.held?.pointer !== event.pointerId) return;
     event.stopPropagation();
-    held.moved = true;
+    this.held.moved = true;
     this.tell(event, false);
   }
 
@@ -78,12 +52,12 @@ export class Drag {
   }
 
   tell(event, done) {
-    const { number, depth, from, position, what, name, Z } = this.held;
-    const now = this.onPlane(event, number, depth);
-    if (now) this.held.last = position.map((x, c) => x + now[c] - from[c]);
-    const place = this.held.last ?? position;
-    if (what === "trunk") this.pull({ Z, position: place, done });
-    bridge.emit("drag", { what, name, position: place, done });
+    const { number, plane, from, position, Z } = this.held;
+    const now = this.onPlane(event, number, plane);
+    if (now) this.held.place = position.map((x, c) => x + now[c] - from[c]);
+    const place = this.held.place ?? position;
+    this.pull({ Z, position: place, done });
+    bridge.emit("drag", { what: "trunk", name: `Z = ${Z.toFixed(3)}`, position: place, done });
   }
 
   /** Where the ray under a pointer meets a plane, in model axes, or null. */
@@ -98,7 +72,7 @@ export class Drag {
 }
 
 /** The plane through a point of the model that faces the camera. */
-function depthPlane({ camera }, [x, y, z]) {
+function planeThrough([x, y, z], camera) {
   const normal = camera.getWorldDirection(new THREE.Vector3());
   return { normal, distance: normal.dot(new THREE.Vector3(x, -z, y)) };
 }

@@ -110,7 +110,7 @@ function openStage() {
     return opened;
   }
   byId("no-webgl").hidden = false;
-  for (const id of ["canvas", "axes", "legend", "symbols", "try-button", "reset"]) byId(id).hidden = true;
+  for (const id of ["canvas", "axes", "keys", "try-button", "reset"]) byId(id).hidden = true;
   return null;
 }
 

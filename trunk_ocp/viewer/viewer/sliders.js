@@ -26,7 +26,10 @@ export class Sliders {
         color: colors.get(muscles[indices[0]].group),
         write: (tried, value) => indices.forEach((i) => (tried.activation[i] = value)),
         read: (tried) => indices.map((i) => tried.activation[i]),
-        say: (values) => [...new Set(values.map((value) => signed(value, 2)))].join(" | "),
+        say: (values) => {
+          const texts = new Set(values.map((value) => signed(value, 2)));
+          return texts.size > 1 ? "differ" : [...texts][0];
+        },
       }),
     }));
     const segments = [...new Set(muscles.map(({ segment }) => segment))].sort((a, b) => a - b);

@@ -67,6 +67,17 @@ export class Trial {
     this.pull = { Z, target, reached: found.reached, error: found.error, settled: found.reached || !moved };
   }
 
+  /** Whether muscles of both sides have the same activations. */
+  get alike() {
+    const { muscles } = this.plan.trunk;
+    return muscles.every(({ side, group, segment }, i) => {
+      const twin = muscles.findIndex((other) => {
+        return other.side !== side && other.group === group && other.segment === segment;
+      });
+      return twin < 0 || Math.abs(this.activation[i] - this.activation[twin]) < 1e-3;
+    });
+  }
+
   /** Keep a shape, or the last good one if there is none. */
   take(solution) {
     this.status = solution.status;

@@ -3,7 +3,7 @@
 /* global THREE */
 import { bridge } from "./bridge.js";
 import { byId, setText } from "./elements.js";
-import { Drag } from "./drag.js";
+import { TrunkDrag } from "./drag.js";
 import { loadPhysics } from "./physics.js";
 import { Sliders } from "./sliders.js";
 import { Trial } from "./trial.js";
@@ -16,8 +16,8 @@ export class TryIt {
     this.wake = wake;
     this.trial = null;
     this.sliders = new Sliders((edit) => this.edit(edit));
-    this.drag = new Drag(stage, {
-      grabTrunk: (number, raycaster) => this.grab(number, raycaster),
+    this.drag = new TrunkDrag(stage, {
+      grab: (number, raycaster) => this.grab(number, raycaster),
       pull: (pull) => this.pullTo(pull),
     });
     byId("try-link").addEventListener("change", () => this.build());
@@ -46,6 +46,7 @@ export class TryIt {
     const plan = plans[Number(select.value)];
     this.number = Number(select.value);
     this.trial = new Trial(this.physics.trunk(plan.trunk.tables), plan, time);
+    byId("try-link").checked = this.trial.alike;
     byId("try-link-label").hidden = !plan.trunk.muscles.some(({ side }) => side === "L");
     this.build();
     this.changed();
