@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -21,6 +20,7 @@ from ..model.anatomy import Muscle, Trunk
 from ..planning.plan import Plan
 from ..planning.status import Status
 from ..problem.motion import Motion
+from .shown import ShownFigure
 
 NAMES = {
     "dl": "dorsal longitudinal",
@@ -38,7 +38,6 @@ BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2)
 FORMATS = ("pdf", "png")
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
-SCREEN_DPI = 120.0  # in notebooks
 MAX_PIXELS = 30_000  # on either side of an image; the renderer's limit is 65,535
 MAX_LEGEND_PHASES = 6
 LEGEND_LETTERS = 70  # in a line of a legend
@@ -85,15 +84,6 @@ def styled() -> AbstractContextManager[None]:
             "reinstall matplotlib, or use solve-motion --no-figures."
         )
     return matplotlib.rc_context(LOOK)
-
-
-class ShownFigure(Figure):
-    """A figure that notebooks show as it is, without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        picture = io.BytesIO()
-        self.savefig(picture, format="png", dpi=SCREEN_DPI)
-        return picture.getvalue()
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
