@@ -1,6 +1,6 @@
 """The anatomy as the page's physics gets it: what `viewer/physics.js` hands to its module.
 
-Plain numbers rather than float32 arrays: shapes in the page agree with Python's to 1e-9 of the length.
+Plain numbers rather than float32 arrays, so that shapes in the page agree with Python's.
 """
 
 from __future__ import annotations
@@ -11,21 +11,23 @@ import numpy as np
 
 from ..model.activation import strain_matrix
 from ..model.anatomy import Trunk
+from .sections import section_grid
 
 
-def physics_tables(trunk: Trunk, Z: np.ndarray) -> dict[str, Any]:
+def physics_tables(trunk: Trunk, Z: np.ndarray | None = None) -> dict[str, Any]:
     """Numbers of a trunk, ready for JSON.
 
     Z : (n,)
-        Points in m, increasing, at which the page wants shapes.
+        Points in m, increasing, at which the page wants shapes; by default where it draws
+        cross-sections.
 
-    Keys: `length`, `radius` at the base in m; `taper_rate` in 1/m; `youngs_modulus` in Pa, `poisson_ratio`,
-    `density` in kg/m^3; `head`: pivot radius in m, xi_z, xi_y, xi_d in rad; `edges` of segments
-    and `Z` in m; and of each muscle its name, its segment, and its `strain`: change of zeta_hat
-    and of c (3) in 1/m per unit of activation.
+    Keys: `length`, `radius` at the base and `Z` in m, `taper_rate` in 1/m, `youngs_modulus` in Pa,
+    `poisson_ratio`, `density` in kg/m^3; `head`: pivot radius in m, xi_z, xi_y, xi_d in rad;
+    `edges` of segments in m; and of each muscle its `name`, its `segment`, and its `strain`, the
+    change of zeta_hat and of c (3) in 1/m per unit of activation (see `strain_matrix`).
     """
-    A = strain_matrix(trunk)
-    head = trunk.head
+    A, head = strain_matrix(trunk), trunk.head
+    Z = section_grid(trunk).Z if Z is None else Z
     return {
         "length": trunk.length,
         "radius": trunk.base_radius,

@@ -4,12 +4,19 @@
 import { instantAt, isCurrent, mixedRow } from "./data.js";
 import { makeSections, writeSections, writeSolution } from "./geometry.js";
 
-const NEAR_BUCKLING = 0.05; // of the stiffness; see rod/buckling.py
+const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
+const WORTHWHILE = 0.999; // ratio of a pull's errors from one frame to the next
 
+/** Why there is no shape, by the statuses of physics.js. */
 const REFUSALS = {
-  "no-equilibrium": "No equilibrium was found for these settings.",
+  "no-equilibrium": "The trunk has no equilibrium at these settings, or none that was found.",
+  "search-limit": "The trunk may have an equilibrium at these settings, but the search took too long.",
   collapsed: "These activations would shorten a segment to nothing.",
+  compressed: "The loads would compress the trunk to nothing.",
+  "too-sharp": "The trunk would bend too sharply to be computed.",
+  "not-finite": "A setting is not a number.",
+  lever: "At this instant the log hangs by a lever, which can be planned but not tried here.",
 };
 
 export class Trial {
@@ -35,6 +42,7 @@ export class Trial {
     [this.activation, this.head] = [values.slice(0, -2), values.slice(-2)];
     this.planned = mixedLoads(plan.controls.loads, instant);
     this.mass = this.planned.tip_mass;
+    this.start = null;
     writeSections(this.sections, plan, time); // in case that there is no equilibrium
     this.solve();
   }
@@ -52,19 +60,21 @@ export class Trial {
   solve() {
     const { activation, head, loads } = this;
     this.pull = null;
-    this.take(this.rod.solve({ activation, head, loads }));
+    this.take(loads.contact_lever ? { status: "lever" } : this.rod.solve({ activation, head, loads }));
   }
 
   /** Change the controls so that the trunk's point Z (m) gets nearer to a target (3) in m. */
   follow(Z, target) {
+    if (this.stale) return;
     const { activation, head, loads, lower, upper, start } = this;
     const bounds = { lower, upper, extension: this.plan.controls.extension };
     const found = this.rod.follow({ Z, target, activation, head, loads, bounds, start });
-    const before = this.pull?.error ?? Infinity;
-    if (found.status === "ok") [this.activation, this.head] = [[...found.activation], [...found.head]];
+    const before = this.pull?.target === target ? this.pull.error : Infinity;
     this.take(found);
-    const moved = found.status === "ok" && Math.abs(found.error - before) > 1e-4 * found.error;
-    this.pull = { Z, target, reached: found.reached, error: found.error, settled: found.reached || !moved };
+    if (this.stale) return;
+    [this.activation, this.head] = [[...found.activation], [...found.head]];
+    const settled = found.reached || found.error > WORTHWHILE * before;
+    this.pull = { Z, target, reached: found.reached, error: found.error, settled };
   }
 
   /** Whether muscles of both sides have the same activations. */
@@ -81,7 +91,7 @@ export class Trial {
   /** Keep a shape, or the last good one if there is none. */
   take(solution) {
     this.status = solution.status;
-    this.stale = solution.status !== "ok";
+    this.stale = !solution.position;
     if (this.stale) return;
     this.start = solution.start;
     this.margin = solution.margin;
@@ -114,9 +124,9 @@ export class Trial {
   }
 
   stabilityWarnings() {
+    if (this.status === "unstable") return ["Unstable: the trunk would buckle out of this shape."];
     if (this.margin === null || this.margin > NEAR_BUCKLING) return [];
-    return [this.margin > 0 ? "Near buckling: a little more load and it snaps to another shape."
-      : "Unstable: the trunk would buckle out of this shape."];
+    return [`Near buckling: the loads leave ${Math.round(100 * this.margin)} % of the stiffness.`];
   }
 
   extensionWarnings() {

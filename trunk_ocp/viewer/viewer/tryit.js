@@ -119,7 +119,7 @@ export class TryIt {
   advance() {
     if (!this.pulled) return;
     this.follow(this.pulled);
-    if (!this.trial.pull?.settled) this.wake();
+    if (this.trial.pull && !this.trial.pull.settled) this.wake();
   }
 
   follow({ Z, position }) {
