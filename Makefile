@@ -41,13 +41,14 @@ test: venv  ## Run all tests; screenshots of the page go to out/screenshots.
 test-fast: venv  ## Run the tests that are quick, in a minute.
 	$(ONE_THREAD) $(BIN)/python -m pytest $(TESTS) -m "not slow"
 
-# Without the tests of the page, which drive a browser. PyTorch is large: TORCH=torch for it, too.
+# Without the tests that drive a browser. PyTorch is large: TORCH=torch for it, too.
 test-oldest:  ## Run the tests with the oldest versions that pyproject.toml allows.
 	$(PYTHON) -m venv $(OLDEST)
 	$(OLDEST)/bin/python $(PIP) --constraint requirements-oldest.txt \
-	  --editable '.[fast,jax,symbolic]' $(TORCH) \
+	  --editable '.[fast,jax,notebook,symbolic]' $(TORCH) \
 	  hypothesis mpmath pygltflib pytest pytest-xdist trimesh vtk
-	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest $(TESTS) -W ignore --ignore tests/viewer
+	$(ONE_THREAD) $(OLDEST)/bin/python -m pytest $(TESTS) -W ignore --ignore tests/viewer \
+	  --ignore tests/notebook/test_in_a_browser.py
 
 coverage: venv  ## Run all tests and report which lines they reach.
 	$(ONE_THREAD) $(BIN)/python -m pytest $(TESTS) --cov --cov-report=term:skip-covered

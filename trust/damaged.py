@@ -34,10 +34,11 @@ import numpy as np
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.checkpoint import Checkpoint
+from trunk_ocp.planning.labeled import dataset
 from trunk_ocp.planning.plan import Plan
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
-from trunk_ocp.planning.storage import dataset, load_plan, save_plan
+from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.problem.motion import Motion
 

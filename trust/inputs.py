@@ -23,8 +23,9 @@ from typing import Any
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
+from trunk_ocp.planning.labeled import dataset
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.storage import dataset, save_plan
+from trunk_ocp.planning.storage import save_plan
 from trunk_ocp.problem.build import load_motion
 
 from .mutations import HOSTILE, damaged, mutated

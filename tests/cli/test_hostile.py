@@ -26,10 +26,11 @@ from trunk_ocp.errors import InputError
 from trunk_ocp.model.anatomy import load_anatomy
 from trunk_ocp.model.loads import Loads
 from trunk_ocp.planning import two_point, verification
+from trunk_ocp.planning.labeled import dataset
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
-from trunk_ocp.planning.storage import dataset, load_plan, save_plan
+from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.rod.collocation import Mesh
 from trunk_ocp.rod.statics import solve_statics

@@ -14,10 +14,11 @@ from trunk_ocp._support.provenance import fingerprint
 from trunk_ocp._support.toml_files import printable
 from trunk_ocp.errors import InputError
 from trunk_ocp.planning.checkpoint import Checkpoint
+from trunk_ocp.planning.labeled import dataset
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
-from trunk_ocp.planning.storage import dataset, load_plan, save_plan
+from trunk_ocp.planning.storage import load_plan, save_plan
 from trunk_ocp.problem.build import load_motion
 from trust import damaged
 

@@ -14,7 +14,8 @@ from trunk_ocp.motion_files import opensim
 from trunk_ocp.motion_files.opensim import MAX_ROWS, sto_times
 from trunk_ocp.planning.checkpoint import Checkpoint
 from trunk_ocp.planning.planner import plan_motion
-from trunk_ocp.planning.storage import as_text, load_plan, save_plan
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.planning.tables import as_text
 from trunk_ocp.problem.build import load_motion
 
 pytestmark = pytest.mark.slow

@@ -11,10 +11,11 @@ import xarray as xr
 from plans import POINT, shipped, written
 
 from trunk_ocp.errors import InputError
+from trunk_ocp.planning.labeled import dataset
 from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
-from trunk_ocp.planning.storage import dataset, load_plan, save_plan, summary
+from trunk_ocp.planning.storage import load_plan, save_plan, summary
 from trunk_ocp.problem.build import load_motion
 from trunk_ocp.reporting import Reporter
 

@@ -17,7 +17,8 @@ from trunk_ocp.planning.options import Options
 from trunk_ocp.planning.plan import PlanError
 from trunk_ocp.planning.planner import plan_motion
 from trunk_ocp.planning.status import Status
-from trunk_ocp.planning.storage import activations_table, load_plan, save_plan
+from trunk_ocp.planning.storage import load_plan, save_plan
+from trunk_ocp.planning.tables import activations_table
 
 MOTION = shortening([-0.1, -0.2])
 

@@ -35,7 +35,7 @@ def test_the_oldest_environment_has_the_floors_of_the_project():
     extras = PROJECT["project"]["optional-dependencies"]
     asked = floors(PROJECT["project"]["dependencies"])
     assert len(asked) == len(PROJECT["project"]["dependencies"])
-    for name in ("fast", "jax", "symbolic", "torch"):
+    for name in ("fast", "jax", "notebook", "symbolic", "torch"):
         assert len(floors(extras[name])) == len(extras[name])
         asked |= floors(extras[name])
     lines = (ROOT / "requirements-oldest.txt").read_text().splitlines()

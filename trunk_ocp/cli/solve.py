@@ -31,7 +31,8 @@ from ..planning.results_folder import (
     sign,
 )
 from ..planning.status import Status
-from ..planning.storage import activations_table, save_plan, summary
+from ..planning.storage import save_plan, summary
+from ..planning.tables import activations_table
 from ..problem.motion import Motion
 from ..reporting import Reporter
 from .common import load_problem, print_outcome, print_plain

@@ -20,6 +20,7 @@ from ..model.anatomy import Muscle, Trunk
 from ..planning.plan import Plan
 from ..planning.status import Status
 from ..problem.motion import Motion
+from .shown import ShownFigure
 
 NAMES = {
     "dl": "dorsal longitudinal",
@@ -87,7 +88,7 @@ def styled() -> AbstractContextManager[None]:
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure of a size in mm."""
-    return Figure(figsize=(width * MM, height * MM))
+    return ShownFigure(figsize=(width * MM, height * MM))
 
 
 def save(figure: Figure, folder: str | Path, name: str, formats: Sequence[str]) -> list[Path]:

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from .._support.arguments import check_arguments, real_array
+from .._support.outputs import Displayed, outputs
 from .._support.toml_files import (
     NonNegative,
     Number,
@@ -31,6 +32,9 @@ from .._support.toml_files import (
 )
 from ..errors import InputError
 from .solid_specs import MAX_SOLIDS, RESERVED_NAMES, MouthSpec, SolidSpec
+
+if TYPE_CHECKING:
+    from anywidget import AnyWidget
 
 Architecture = Literal["longitudinal", "helical", "radial"]
 Side = Literal["R", "L"]
@@ -209,7 +213,7 @@ class Head:
 
 
 @dataclass(frozen=True, repr=False)
-class Trunk:
+class Trunk(Displayed):
     """A trunk ready for computation. Lengths in m, E in Pa, density in kg/m^3.
 
     Attributes
@@ -268,6 +272,25 @@ class Trunk:
         Z = np.asarray(Z, dtype=float)
         clipped = np.clip(Z, 0.0, self.length)
         return np.where(np.abs(Z - clipped) <= END_TOL * self.length, clipped, Z)
+
+    def view(self, height: int = 600) -> AnyWidget:
+        """A page to contract muscles, turn the head and pull the tip, as a widget.
+
+        In Jupyter, marimo and VS Code. `time` (s), `activation` (muscles) and `head` (psi_Z, psi_Y
+        in rad) of the widget are those on the page; set them to move the page. It needs the
+        package anywidget: `pip install 'trunk_ocp[notebook]'`.
+
+        Parameters
+        ----------
+        height : int
+            In pixels.
+
+        Raises
+        ------
+        TrunkError
+            If anywidget is not installed.
+        """
+        return outputs().view(self, height)
 
 
 def unknown_architecture(muscle: Muscle) -> InputError:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._support.blas_threads import one_thread
+from .._support.outputs import Displayed, outputs
 from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
@@ -28,9 +29,15 @@ from ..rod.flutter import MODES as VIBRATION_MODES
 from ..rod.flutter import Flutter, flutter
 from ..rod.shape import Shape
 from ..rod.statics import refined, solve_statics
+from .plots import Plots
 from .status import FAILURES, Status
 from .step_errors import StepErrors, step_errors
 from .verification import Verification, verify
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from anywidget import AnyWidget
 
 MODES = ("sequential", "horizon", "receding")
 
@@ -91,7 +98,7 @@ def planned_loads(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Plan:
+class Plan(Displayed):
     """A motion with the activations and head angles that perform it.
 
     Attributes
@@ -447,6 +454,45 @@ class Plan:
         if shape.defect > MAX_DEFECT:  # the plan's mesh was checked at its time steps only
             shape = refined(shape, activation, head, loads)
         return Sample(t, activation, head, loads, shape, after)
+
+    @property
+    def plot(self) -> Plots:
+        """Figures to change: `plan.plot.shapes()`, `.activations()`, `.muscles()`, `.errors()`."""
+        return Plots(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """The plan as labeled arrays (time, muscle, Z, ...): the content of its `solution.nc`."""
+        return outputs().labeled(self)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """The plan as a table: a row for the start, step 0, and for each time step.
+
+        Columns are those of `activations.csv`: `time_s`, `phase`, a column for each muscle,
+        `psi_z_rad`, `psi_y_rad`, and `status` for a plan that is not solved. Then come
+        `tip_x_m`, `tip_y_m`, `tip_z_m`; the largest errors `position_error_m` and
+        `direction_error`; the paper's `objective` J_T; `stability_margin`; and `clearance_m`, the
+        smallest gap to any body at the step and on the way to it. NaN where there is none.
+        """
+        return outputs().table(self)
+
+    def view(self, height: int = 600) -> AnyWidget:
+        """The page of the moving trunk as a widget.
+
+        In Jupyter, marimo and VS Code. `time` (s), `activation` (muscles) and `head` (psi_Z, psi_Y
+        in rad) of the widget are those on the page; set them to move the page. It needs the
+        package anywidget: `pip install 'trunk_ocp[notebook]'`.
+
+        Parameters
+        ----------
+        height : int
+            In pixels.
+
+        Raises
+        ------
+        TrunkError
+            If anywidget is not installed, or the plan has no time steps.
+        """
+        return outputs().view(self, height)
 
 
 class PlanError(TrunkError):

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .._support.arguments import check_arguments
+from .._support.outputs import Displayed
 from ..errors import InputError
 from ..model.anatomy import AnatomySpec, Trunk
 from ..model.loads import Loads, Vector
@@ -146,7 +147,7 @@ class Phase:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Motion:
+class Motion(Displayed):
     """A motion to plan. Time step 0 is its `start`, under the trunk's weight alone.
 
     `spec` and `anatomy` define it; all else is built from them. So every variant edits the spec

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._support.arguments import real_array
+from .._support.outputs import Displayed
 from ..errors import InputError
 from ..model.activation import mean_extension, segment_at, stiffness
 from ..model.anatomy import Trunk
@@ -17,7 +18,7 @@ from .equations import MOMENT, ORIENTATION, STATES, loaded_curvature
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Shape:
+class Shape(Displayed):
     """Equilibrium shapes of a trunk, with any leading batch axes (...).
 
     Positions are in m and space axes, moments in N m and in the directors.
@@ -38,8 +39,8 @@ class Shape:
         batch = self.states.shape[:-3]
         return f"<Shape of {self.trunk.name}: batch {batch}, {self.mesh.elements} elements>"
 
-    def __getitem__(self, index: int | slice | tuple[int, ...] | np.ndarray) -> Shape:
-        """Some shapes of a batch, by its first axis."""
+    def __getitem__(self, index: int | slice | tuple[int | np.ndarray, ...] | np.ndarray) -> Shape:
+        """Some shapes of a batch, by its first axes."""
         return Shape(self.trunk, self.mesh, *(array[index] for array in self._arrays))
 
     @staticmethod
