@@ -1,4 +1,4 @@
-"""Inertia of quasi-static motions: closed forms, differences of equilibria, and what is reported."""
+"""Inertia of quasi-static motions: closed forms, differences of equilibria, reports."""
 
 import math
 
@@ -62,7 +62,7 @@ def test_a_rod_that_shortens_accelerates_at_its_tip():
 
 @pytest.mark.parametrize("tip_mass", [0.0, 5.0])
 def test_a_stiff_rod_that_the_head_swings_is_a_pendulum(tip_mass):
-    """I alpha / (m g lever), where the rod ends; at its start it hangs and the least lever counts."""
+    """I alpha / (m g lever); it starts hanging, where the least lever counts."""
     duration, turn, g = 1.3, 0.5, 9.8
     swung = motion([(0.0, 0.0, 1.0)], [duration], FREE)
     phase = swung.spec.phases[0]

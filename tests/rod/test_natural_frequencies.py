@@ -15,21 +15,20 @@ from trunk_ocp.rod.flutter import flutter, natural_frequencies
 from trunk_ocp.rod.statics import solve_statics
 
 NONE, STILL = np.zeros(0), Loads(0.0)
-RADIUS = 1e-6
 
 
-def thin(build, stiffness=1.0, **changes):
+def thin(build, stiffness=1.0, radius=1e-5, **changes):
     """A rod of 1 m with E I = `stiffness` N m^2 and 1 kg/m at its base.
 
     It is so thin that it stretches and twists much faster than it bends, and that the rotation of
     its sections does not slow it.
     """
     material = {
-        "youngs_modulus": 4 * stiffness / math.pi / RADIUS**4,
+        "youngs_modulus": 4 * stiffness / math.pi / radius**4,
         "poisson_ratio": 0.3,
-        "density": 1 / math.pi / RADIUS**2,
+        "density": 1 / math.pi / radius**2,
     }
-    return build(base_radius_over_length=RADIUS, material=material, **changes)
+    return build(base_radius_over_length=radius, material=material, **changes)
 
 
 def roots(function, grid):
@@ -76,7 +75,7 @@ def test_a_tapered_cantilever(build, tip):
         return np.linalg.det(np.array(matrix) / np.abs(matrix).max(axis=1, keepdims=True))
 
     k = roots(determinant, np.linspace(1, 100, 500))[:2]
-    rod = thin(build, taper_deg=math.degrees(math.atan(RADIUS * (1 - tip))))
+    rod = thin(build, taper_deg=math.degrees(math.atan(1e-5 * (1 - tip))))
     # E I = (x / base)^4 and the mass per length (x / base)^2: omega = k / base.
     first, second = k / base / (2 * math.pi)
     found = frequencies(rod, STILL, mesh_for(rod, elements=8))
@@ -85,7 +84,7 @@ def test_a_tapered_cantilever(build, tip):
 
 def test_a_rod_without_stiffness_hangs_like_a_chain(build):
     """omega = j / 2 sqrt(g / L), j a zero of J_0 (Bernoulli 1732), as E I goes to 0."""
-    rod = thin(build, stiffness=1e-8)
+    rod = thin(build, stiffness=1e-8, radius=1e-6)
     mesh = mesh_for(rod, elements=14, at=[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 0.03, 0.1, 0.99])
     one, two = jn_zeros(0, 2) / 2 * math.sqrt(9.8) / (2 * math.pi)
     found = frequencies(rod, Loads(9.8), mesh)
