@@ -303,7 +303,7 @@ def test_every_failure_is_told_with_something_to_try(ends, status):
 
 def test_a_missed_target_comes_with_what_the_bounds_cost(ends):
     plan = ends[Status.MISSED]
-    missed, reach, pressed = explain(plan).findings
+    missed, reach, pressed, *_ = explain(plan).findings
     worst = 1e3 * plan.errors[0].position[0]
     assert f"step 1: the target at Z = 1.75 m is missed by {worst:.4g} mm" in missed.details[0]
     assert "would be reached if these bounds were relaxed" in reach.what

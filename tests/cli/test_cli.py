@@ -18,6 +18,7 @@ from trunk_ocp.cli import solve as cli
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import film, style
 from trunk_ocp.planning.storage import load_plan
+from trunk_ocp.problem.build import load_motion
 
 pytestmark = pytest.mark.slow
 
@@ -325,3 +326,27 @@ def test_what_is_not_a_finished_run_is_said_so(tmp_path, verb, monkeypatch):
         assert result.exit_code == 2
         assert "no finished run" in result.stderr
         assert "solve-motion" in result.stderr
+
+
+def test_slow_says_how_long_phases_have_to_be_and_writes_the_problem(tmp_path):
+    assert run(written(tmp_path, POINT), "--out", tmp_path / "out").exit_code == 0
+    slower = tmp_path / "slower.toml"
+    command = ["slow", str(tmp_path / "out"), "--ratio", "0.02", "--out", str(slower)]
+    result = CliRunner().invoke(commands.main, command)
+    assert result.exit_code == 0, result.output
+    assert "reach" in result.stdout
+    assert f"solve-motion {slower}" in result.stdout
+    before = load_plan(tmp_path / "out" / "horizon")
+    after = load_motion(slower)
+    for old, new in zip(before.motion.spec.phases, after.spec.phases, strict=True):
+        worst = max(
+            ratio
+            for step, ratio in zip(before.motion.steps, before.inertia.ratio, strict=True)
+            if before.motion.phases[step.phase].name == old.name
+        )
+        factor = max(1.0, (worst / 0.02) ** 0.5)
+        assert new.duration == pytest.approx(old.duration * factor)
+        assert new.model_copy(update={"duration": old.duration}) == old
+    again = CliRunner().invoke(commands.main, command)
+    assert again.exit_code == 2
+    assert "exists already" in again.stderr

@@ -18,6 +18,7 @@ from .._support.arguments import check_arguments
 from .._support.atomic_files import write
 from .._support.blas_threads import one_thread
 from .._support.wording import rounded, step_list
+from ..dynamics.slowing import warnings as inertia_warnings
 from ..model.anatomy import Trunk
 from ..nlp.outcome import Solve
 from ..nlp.violations import Violation
@@ -346,6 +347,7 @@ def _warnings(plan: Plan) -> Iterator[Finding]:
     yield from _bodies_entered(plan)
     yield from _bounds_reached(plan)
     yield from _lengthened(plan)
+    yield from _too_fast(plan)
     if plan.converged:
         yield from _barely_valid(plan)
 
@@ -391,6 +393,14 @@ def _lengthened(plan: Plan) -> Iterator[Finding]:
         names = ", ".join(longer[:MAX_NAMES]) + more
         details = (f"{names}: activations up to {peaks.max():.3g}; negative contracts",)
         yield Finding("warning", "muscles lengthen actively, which no muscle can do", details)
+
+
+def _too_fast(plan: Plan) -> Iterator[Finding]:
+    """Phases whose inertia, which the plan leaves out, is not small."""
+    if fast := inertia_warnings(plan.motion, plan.inertia):
+        what = f"quasi-static: inertia would be {plan.inertia_ratio:.2g} times the weight"
+        advice = "trunk-ocp slow finds how long each phase has to be."
+        yield Finding("warning", what, tuple(fast), advice)
 
 
 def _barely_valid(plan: Plan) -> Iterator[Finding]:

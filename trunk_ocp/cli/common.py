@@ -100,3 +100,8 @@ def print_outcome(console: Console, plan: Plan) -> None:
         asked = f" ({1e3 * gap.least:g} mm asked)" if gap.least > 0 else ""
         where = f"at Z = {gap.Z:.2f} m and {gap.time:.3g} s"
         print_plain(console, f"  smallest gap: {1e3 * gap.gap:.3g} mm to {body}{asked}, {where}")
+    if (step := plan.inertia.worst) is not None:
+        ratio, when = plan.inertia.ratio[step], plan.inertia.time[step]
+        slowest = plan.natural_frequencies[0]
+        words = f"up to {ratio:.2g} times the weight, at {when:.3g} s"
+        print_plain(console, f"  inertia left out: {words}; the trunk swings at {slowest:.2g} Hz")

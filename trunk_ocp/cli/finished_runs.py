@@ -1,4 +1,4 @@
-"""Commands for a finished run: `trunk-ocp explain`, `view` and `convert`."""
+"""Commands for a finished run: `trunk-ocp explain`, `slow`, `view` and `convert`."""
 
 from __future__ import annotations
 
@@ -11,19 +11,25 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from .._support.atomic_files import write
 from .._support.toml_files import is_file, printable
 from ..analysis.bound_sensitivity import effects
 from ..analysis.diagnosis import explain, save_diagnosis
 from ..codegen.subject import is_problem
+from ..dynamics.slowing import ACCEPTED, phases_with_inertia
 from ..errors import InputError
 from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
 from ..planning.plan import Plan
 from ..planning.results_folder import hashes
 from ..planning.status import Status
 from ..planning.storage import SOLUTION, finite
+from ..problem.problem_text import problem_text
+from ..problem.variants import slowed_spec
 from .commands import resume_command
 from .common import folder_name, load_run, print_outcome, print_plain
-from .tables import finding_lines, history_table
+from .option_types import number_option
+from .safe_streams import standard_output
+from .tables import finding_lines, history_table, slowing_table
 
 RESPONSES = "If a bound were relaxed by 1 % (or as stated, if it is 0) and the motion replanned:"
 
@@ -67,6 +73,40 @@ def _explain(plan: Plan, folder: Path, console: Console) -> object:
         for sentence in sentences:
             print_plain(console, f"    {sentence}")
     return diagnosis.as_json()
+
+
+@click.command("slow")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@number_option(
+    "--ratio", "inertia ratio", "R", "Largest moment of inertia over that of weight.", ACCEPTED
+)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write the slower problem, a new file.",
+)
+def slow_command(run: str, ratio: float, out: Path | None) -> None:
+    """Find how long a finished run's phases must be for inertia not to matter.
+
+    Plans are quasi-static: the trunk is in equilibrium at all times, as if it moved infinitely
+    slowly. This says how large the forces of inertia would be, and how long each phase has to take
+    for them to be small. It assumes the same shapes; plan the slower problem to have them. Takes
+    less than a second.
+    """
+    _, plans = load_run(run)
+    plan = next((p for p in plans.values() if p.mode == "horizon"), next(iter(plans.values())))
+    phases = phases_with_inertia(plan.motion, plan.inertia, ratio)
+    output = standard_output()
+    Console(file=output, highlight=False).print(slowing_table(plan, phases, ratio))
+    output.check()
+    if out is not None:
+        factors = {each.phase: each.factor for each in phases}
+        text = problem_text(slowed_spec(plan.motion.spec, factors))
+        if out.exists():
+            raise InputError(f"{out}: exists already; expected the name of a new file.")
+        write(out, text)
+        click.echo(printable(f"Plan it: solve-motion {out}"))
 
 
 @click.command("view")

@@ -20,6 +20,7 @@ from ..analysis.measures import DEFINITIONS, plan_measures
 from ..analysis.multistart import SAME_PLAN_TOL, Optima, distance
 from ..analysis.redundancy.activation_ranges import AT_REST
 from ..analysis.redundancy.report import Redundancy, cost, largest
+from ..dynamics.slowing import GRAVITY, PhaseInertia
 from ..errors import InputError
 from ..model.anatomy import Trunk
 from ..model.muscle_effects import MEASURES, ranks, signs
@@ -108,6 +109,33 @@ def history_table(diagnosis: Diagnosis) -> Table:
     for k in np.unique(np.linspace(0, len(rows) - 1, 10).round().astype(int)).tolist():
         number, *values = rows[k]
         table.add_row(str(number), *(f"{value:.3g}" for value in values))
+    return table
+
+
+def slowing_table(plan: Plan, phases: Sequence[PhaseInertia], ratio: float) -> Table:
+    """How long each phase is, and how long it has to be for inertia to be `ratio` of weight."""
+    spec = plan.motion.spec
+    slowed = sum(spec.phases[each.phase].duration * (each.factor - 1) for each in phases)
+    whole = sum(phase.duration for phase in spec.phases)
+    table = _table(
+        f"{plan.motion.name}, {plan.mode}: inertia, which the plan leaves out",
+        ("phase", "takes\ns", "inertia\n/ weight", "at\ns", "acceler.\ng", "slower\nby",
+         "takes\nthen, s"),
+        f"For inertia up to {ratio:g} of the weight it takes {whole + slowed:.4g} s instead of "
+        f"{whole:.4g} s.",
+        dense=True,
+    )  # fmt: skip
+    for each in phases:
+        phase = spec.phases[each.phase]
+        table.add_row(
+            escape(phase.name),
+            f"{phase.duration:.4g}",
+            f"{each.ratio:.2g}",
+            f"{each.time:.3f}",
+            f"{each.acceleration / GRAVITY:.2g}",
+            f"{each.factor:.3g}",
+            f"{phase.duration * each.factor:.4g}",
+        )
     return table
 
 

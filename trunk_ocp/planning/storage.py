@@ -47,6 +47,11 @@ UNITS = {
     "falling_directions": "ways the trunk would leave the shape by itself; 0: stable",
     "flutter_growth": "1/s, of vibrations under a couple fixed in space; null without a couple",
     "flutter_frequency": "Hz, of the vibration that grows fastest, or the lowest if none grows",
+    "inertia_ratio": "moment of inertia forces about the base over that of the weight, largest "
+    "on the way to the step; null where a phase has no interpolation",
+    "inertia_time": "s, when the ratio is largest",
+    "acceleration": "m/s^2, the largest on the way to the step",
+    "natural_frequencies": "Hz, the lowest three, undamped",
     "psi_z, psi_y": "rad",
     "objective": "J of eq. (42) with the problem's weights",
 }
@@ -182,6 +187,8 @@ def summary(plan: Plan) -> dict[str, Any]:
         "max_verification_error": float(plan.verification.position_difference.max(initial=0.0)),
         "clearance": _clearance(plan.clearance.min),
         "collisions": plan.clearance.warnings,
+        "inertia_ratio": plan.inertia_ratio,
+        "natural_frequencies": plan.natural_frequencies.tolist(),
         **_start(plan),
         "timesteps": _timesteps(plan),
         "steps_planned": len(plan.x),
@@ -223,7 +230,7 @@ def _start(plan: Plan) -> dict[str, Any]:
 
 def _timesteps(plan: Plan) -> list[dict[str, Any]]:
     """Entries of `summary` for each time step."""
-    stability, flutter = plan.stability, plan.flutter
+    stability, flutter, inertia = plan.stability, plan.flutter, plan.inertia
     rows = zip(plan.motion.steps, plan.errors, plan.x, strict=False)
     return [
         {
@@ -241,6 +248,10 @@ def _timesteps(plan: Plan) -> list[dict[str, Any]]:
             "psi_z": float(x[-2]),
             "psi_y": float(x[-1]),
             "clearance": _clearance(plan.clearance.of_step(t)),
+            "inertia_ratio": float(inertia.ratio[t]),
+            "inertia_time": float(inertia.time[t]),
+            "acceleration": float(inertia.acceleration[t]),
+            "natural_frequencies": inertia.frequencies[t].tolist(),
         }
         for t, (step, errors, x) in enumerate(rows)
     ]

@@ -75,6 +75,34 @@ def limited_spec(
     return valid_spec(edited, f"activation = {activation:g}, rate = {rate:g}")
 
 
+def slowed_spec(spec: ProblemSpec, factors: Mapping[int, float]) -> ProblemSpec:
+    """The problem with phases (from 0) that take `factors` times as long; others are as they are.
+
+    Raises
+    ------
+    InputError
+        If that makes a phase longer than a problem file may have.
+    """
+    phases = list(spec.phases)
+    for n, factor in factors.items():
+        phase = phases[n]
+        update: Update = {"duration": phase.duration * factor}
+        if phase.wrap is not None:
+            update["wrap"] = _slowed(phase.wrap, factor)
+        update["targets"] = tuple(_slowed(target, factor) for target in phase.targets)
+        phases[n] = phase.model_copy(update=update)
+    edited = spec.model_copy(update={"phases": tuple(phases)})
+    return valid_spec(edited, f"factors = {dict(factors)}")
+
+
+def _slowed(section: Section, factor: float) -> Section:
+    """A target or a wrap whose way points, if they have times, come later by a factor."""
+    if section.through is None or len(section.through[0]) == 3:
+        return section
+    later = tuple((time * factor, *point) for time, *point in section.through)
+    return section.model_copy(update={"through": later})
+
+
 def silenced_spec(spec: ProblemSpec, muscles: Sequence[str]) -> ProblemSpec:
     """The problem with some muscles at rest all the time."""
 

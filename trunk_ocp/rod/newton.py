@@ -44,7 +44,7 @@ def newton(rods: RodBatch, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _step(rods: RodBatch, states: np.ndarray, w: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Newton step for states (B, E, d + 1, 7); w and p as in `RodBatch.arguments`."""
     mesh, element = rods.mesh, gauss(rods.mesh.degree)
-    rate, slope = evaluate(_rates_and_slope(rods.hung), states[..., 1:, :], w, p)
+    rate, slope = evaluate(rates_and_slope(rods.hung), states[..., 1:, :], w, p)
     residual = (
         np.einsum("ij,...jx->...ix", element.derivative, states)
         - mesh.widths[:, None, None] * rate[..., :STATES]
@@ -67,8 +67,8 @@ def _gaps(mesh: Mesh, states: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _rates_and_slope(hung: bool) -> ca.Function:
-    """`rates` with the Jacobian of (q', m') by the state, both as columns."""
+def rates_and_slope(hung: bool) -> ca.Function:
+    """`rates` (10) and the Jacobian of (q', m') by the state (7 x 7, row by row), as columns."""
     w, p = rate_arguments(hung)
     value = rates(hung)(w, p)
     slope = ca.jacobian(value[:STATES], w)[:, :STATES]
