@@ -6,13 +6,18 @@ import re
 from pathlib import Path
 
 import notebooks
+import numpy as np
 import pytest
+from pages import ARGS
 from playwright.sync_api import sync_playwright
 from programs import CHROMIUM, needs
+from toys import TRUNK
+
+from trunk_ocp.model.loads import Loads
+from trunk_ocp.rod.statics import solve_statics
 
 pytestmark = pytest.mark.slow
 
-ARGS = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PLAN = """
 import numpy as np
 from toys import shortening
@@ -117,6 +122,9 @@ def test_in_jupyter_the_page_and_python_move_each_other(tab, tmp_path):
         notebooks.run_next_cell(tab)
         tried = "() => trunkPage.trial && [...trunkPage.trial.activation, ...trunkPage.trial.head]"
         notebooks.until(lambda: frame.evaluate(tried) == [-0.1, -0.3, 0.1, 0.2])
+        tip = frame.evaluate("() => [...trunkPage.trial.sections.position.slice(-3)]")
+        computed = solve_statics(TRUNK, [-0.1, -0.3], (0.1, 0.2), loads=Loads(0.0))
+        np.testing.assert_allclose(tip, computed.position([1.0])[0], atol=1e-6)  # float32 there
         slide(frame, "#try-muscles input", -0.25)
         notebooks.until(lambda: python()[1] in ([-0.25, -0.25], [-0.25, -0.3]))
         assert python()[2] == [0.1, 0.2]
