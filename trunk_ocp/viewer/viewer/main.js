@@ -213,6 +213,11 @@ globalThis.trunkPage = {
   get trial() {
     return tryIt?.trial ?? null;
   },
+  /** What is tried and drawn now, as plain numbers. */
+  tried() {
+    const { activation, head, mass, loads, status, stale, sections, extensions } = tryIt.trial;
+    return { activation, head, mass, loads, status, stale, extensions, position: [...sections.position] };
+  },
 };
 
 start();
