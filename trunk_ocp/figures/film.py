@@ -23,17 +23,11 @@ from ..scene.body import core_body, core_radius, muscle_body
 from ..scene.moments import Moment, end_of, moments_at, phase_at
 from ..scene.surroundings import logs, tip_mass
 from . import style
-from .muscles import (
-    DARKEST,
-    MARGIN,
-    SECTIONS,
-    VIEWS,
-    activation_color,
-    color_bar,
-    strongest,
-)
+from .activation_colors import activation_color, color_bar, strongest
+from .bodies import mass_surfaces, solid_surfaces
+from .muscles import DARKEST, MARGIN, VIEWS, sections_of
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD, mass_surfaces, solid_surfaces
+from .shapes import WOOD
 
 FRAME_RATE = 15  # per second of film
 SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds
@@ -133,18 +127,21 @@ class Stage:
     def panel(self, axes: Axes, view: View, moment: Moment) -> None:
         """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
         trunk = self.plan.motion.trunk
-        bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
+        bodies = [
+            muscle_body(trunk, muscle, moment.shape, sections_of(trunk))
+            for muscle in trunk.subdomains
+        ]
         colors = [activation_color(self.scale, value) for value in moment.activation]
         surfaces = [
-            Surface(facets_of(body, SECTIONS), color)
+            Surface(facets_of(body, sections_of(trunk)), color)
             for body, color in zip(bodies, colors, strict=True)
         ]
         cores = [
-            core_body(trunk, segment, moment.shape, SECTIONS)
+            core_body(trunk, segment, moment.shape, sections_of(trunk))
             for segment in range(trunk.segments)
             if core_radius(trunk, segment) > 0
         ]
-        surfaces += [Surface(facets_of(core, SECTIONS), CORE) for core in cores]
+        surfaces += [Surface(facets_of(core, sections_of(trunk)), CORE) for core in cores]
         surfaces += self.objects(moment) + solid_surfaces(self.plan, moment)
         paint(axes, view, surfaces, darkest=DARKEST)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -20,21 +22,22 @@ from ..planning.plan import Plan
 from ..scene.body import frames, round_body
 from ..scene.colors import HEAD, MASS, OBSTACLE
 from ..scene.moments import Moment, moments_at, times_of_phase
-from ..scene.solid_meshes import color_of, head_and_obstacles
 from ..scene.surroundings import Log, Mark, TipMass, logs, marks, tip_mass
 from . import style
+from .bodies import joined_with_head, mass_surfaces, solid_surfaces
 from .projection import (
     FACETS,
-    VIEWS,
+    FRONT,
+    SIDE,
     Surface,
     View,
-    ball,
     cylinder,
     extent,
     facets_of,
     frame,
     measure,
     paint,
+    three_quarter,
 )
 
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
@@ -44,6 +47,9 @@ TARGET = "#CC0055"
 SECTIONS = 36
 HEADER = 10.0  # mm, for title and legend
 ARROW = 0.1  # of the trunk's length
+FORESHORTENED = 0.3  # of its length, below which an arrow is a symbol
+CAPTION = 118  # letters in a line
+MARGIN = 0.035  # of the trunk's length, around all that is drawn
 MAX_HEIGHT = 225.0  # mm, of all rows together: a page
 MAX_ROWS = 5  # on a page; if there are more phases, several share a row
 MAX_TIPS = 121  # points of the tip's path through a phase
@@ -128,7 +134,8 @@ def _one_row(rows: list[Row]) -> Row:
 
 def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     """The figure that `draw_shapes` writes."""
-    boxes = [_boxes(plan, rows, row) for row in rows]
+    views = (SIDE, FRONT, three_quarter(_centerlines(plan, rows)))
+    boxes = _boxes(plan, rows, views)
     left, between, above, below, right = 13.5, 14.0, 12.0, 8.0, 2.0  # mm
     usable = style.WIDTH - left - 2 * between - right
     tall = [max(box.height for box in of_row) for of_row in boxes]
@@ -139,39 +146,55 @@ def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     height = scale * sum(tall) + len(rows) * (above + below) + HEADER
     figure = style.new_figure(height)
     style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
-    _legend(figure, plan, rows[0])
+    _legend(figure, plan, rows)
     top = height - HEADER
     for row, of_row, size in zip(rows, boxes, tall, strict=True):
         top -= above
         x = left
-        figure.text(x / style.WIDTH, (top + 5) / height, _caption(plan, row), fontsize=7)
-        for view, box in zip(VIEWS, of_row, strict=True):
+        figure.text(
+            x / style.WIDTH, (top + 4) / height, _caption(plan, row), fontsize=7, va="bottom",
+            gid="caption",
+        )  # fmt: skip
+        layers = [layer(plan, row, index) for index in range(len(row.trunks))]
+        for view, box in zip(views, of_row, strict=True):
             wide, high = box.width * scale, box.height * scale
             place = (x / style.WIDTH, (top - high) / height, wide / style.WIDTH, high / height)
-            _panel(figure.add_axes(place), plan, row, view, box)
+            axes = figure.add_axes(place)
+            for index, surfaces in enumerate(layers):
+                # Later shapes cover earlier ones: sorted by depth, similar shapes would mix.
+                paint(axes, view, surfaces, zorder=2 + index / len(layers))
+            _panel(axes, plan, row, view, box)
             x += wide + between + spare
         top -= scale * size + below
     return figure
 
 
-def _boxes(plan: Plan, rows: list[Row], row: Row) -> list[Bbox]:
-    """What each view of a row shows: as wide as all rows need, as high as this one does."""
-    boxes = []
-    for view in VIEWS:
-        of_rows = extent(view, np.concatenate([_contents(plan, other, view) for other in rows]), 0)
-        of_row = extent(view, _contents(plan, row, view), 0)
-        margin = 0.035 * plan.motion.trunk.length
-        boxes.append(
-            Bbox([[of_rows.x0 - margin, of_row.y0 - margin],
-                  [of_rows.x1 + margin, of_row.y1 + margin]])
-        )  # fmt: skip
-    return boxes
+def _centerlines(plan: Plan, rows: list[Row]) -> np.ndarray:
+    """Centerlines (n, points, 3) in m of all trunks that are drawn."""
+    Z = np.linspace(0, plan.motion.trunk.length, 25)
+    return np.concatenate([moment.shape.position(Z) for row in rows for moment in row.trunks])
 
 
-def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
-    """Points (n, 3) in m that a row's panels have room for: bodies, mass, solids and targets."""
+def _boxes(plan: Plan, rows: list[Row], views: Sequence[View]) -> list[list[Bbox]]:
+    """What each view of each row shows: as wide as all rows need, as high as this one does."""
+    contents = [_contents(plan, row) for row in rows]
+    margin = MARGIN * plan.motion.trunk.length
+    boxes = [[extent(view, points, margin) for view in views] for points in contents]
+    together = [Bbox.union(of_view) for of_view in zip(*boxes, strict=True)]
+    return [
+        [
+            Bbox([[wide.x0, box.y0], [wide.x1, box.y1]])
+            for wide, box in zip(together, of_row, strict=True)
+        ]
+        for of_row in boxes
+    ]
+
+
+def _contents(plan: Plan, row: Row) -> np.ndarray:
+    """Points (n, 3) in m that a row's panels have room for: all that is drawn in them."""
     trunk = plan.motion.trunk
-    points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks] + [np.zeros((1, 3))]
+    points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks]
+    points += [np.zeros((1, 3)), row.tips]
     for moment in row.trunks:
         hung = mass_surfaces(plan, row.mass, moment)
         points += [surface.facets.reshape(-1, 3) for surface in hung]
@@ -186,9 +209,6 @@ def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
 
 
 def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
-    for index in range(len(row.trunks)):
-        # Later shapes cover earlier ones: sorted by depth, shapes that nearly coincide would mix.
-        paint(axes, view, layer(plan, row, index), zorder=2 + index / len(row.trunks))
     _paths(axes, view, row)
     for mark in row.marks:
         _mark(axes, view, mark, ARROW * plan.motion.trunk.length)
@@ -204,31 +224,15 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
     Logs are there at the start and the end of the row; head and obstacles at the end only.
     """
     moment, ends = row.trunks[index], {0: 0, len(row.trunks) - 1: -1}
-    surfaces = [Surface(_body(plan, moment), _shade(index, len(row.trunks)))]
+    body = Surface(_body(plan, moment), _shade(index, len(row.trunks)))
+    last = index == len(row.trunks) - 1
+    surfaces = joined_with_head(plan, moment, [body]) if last else [body]
     if index in ends:
         surfaces += [
             Surface(cylinder(path[ends[index]], log.radius, log.length), WOOD)
             for log, path in zip(row.logs, row.log_paths, strict=True)
         ]
-    if index == len(row.trunks) - 1:
-        surfaces += solid_surfaces(plan, moment)
     return surfaces + mass_surfaces(plan, row.mass, moment)
-
-
-def solid_surfaces(plan: Plan, moment: Moment, bounded: bool = False) -> list[Surface]:
-    """Head and obstacles at a moment; if `bounded`, without half-spaces, which have no end."""
-    solids = head_and_obstacles(plan, moment.time, moment.head, moment.after)
-    return [
-        Surface(surface.points[surface.facets], color_of(solid))
-        for solid, surface in solids
-        if not (bounded and solid.shape == "half-space")
-    ]
-
-
-def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
-    """The tip mass at a moment, if it is there."""
-    center = mass.center(plan, moment) if mass else None
-    return [] if mass is None or center is None else [Surface(ball(center, mass.radius), MASS)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
@@ -263,32 +267,68 @@ def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
             *target, marker="o", markersize=3.2, markerfacecolor="white", markeredgecolor=TARGET,
             markeredgewidth=0.8, zorder=6.5, gid="target",
         )  # fmt: skip
+    elif mark.directions:
+        axes.plot(*target, marker="D", markersize=2.2, color=TARGET, zorder=6.5, gid="pointed at")
     for direction in mark.directions:
-        tip = view.flat(mark.target + arrow * direction)
-        axes.annotate(
-            "", tuple(tip), tuple(target),
-            arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 0.7,
-                        "mutation_scale": 5, "shrinkA": 1.5, "shrinkB": 0},
-            zorder=6, gid="direction",
+        _direction(axes, view, mark.target, arrow * direction)
+
+
+def _direction(axes: Axes, view: View, start: np.ndarray, arrow: np.ndarray) -> None:
+    """Draw an arrow (3,) in m from a point (3,); toward the reader a dot, away a cross, in a ring.
+
+    These are the symbols of physics for what points out of the paper and into it.
+    """
+    foot, tip = view.flat(start), view.flat(start + arrow)
+    if np.linalg.norm(tip - foot) < FORESHORTENED * np.linalg.norm(arrow):
+        style_of: dict[str, Any] = {"color": TARGET, "linestyle": "", "zorder": 6.4}
+        axes.plot(
+            *foot, marker="o", markersize=6.5, markerfacecolor="none", markeredgewidth=0.7,
+            gid="direction", **style_of,
         )  # fmt: skip
+        toward = arrow @ view.out > 0
+        axes.plot(
+            *foot, marker="." if toward else "x", markersize=2.5 if toward else 4.4,
+            markeredgewidth=0.6, **style_of,
+        )  # fmt: skip
+        return
+    axes.annotate(
+        "", tuple(tip), tuple(foot),
+        arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 0.7,
+                    "mutation_scale": 5, "shrinkA": 1.5, "shrinkB": 0},
+        zorder=6, gid="direction",
+    )  # fmt: skip
 
 
-def _legend(figure: Figure, plan: Plan, row: Row) -> None:
-    entries: list[Artist] = [
-        Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
-               linewidth=1.2, label="target (line: error; arrow: direction)"),
-        Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip"),
-    ]  # fmt: skip
+def _legend(figure: Figure, plan: Plan, rows: list[Row]) -> None:
+    entries: list[Artist] = []
+    marks_drawn = [mark for row in rows for mark in row.marks]
+    if any(mark.placed for mark in marks_drawn):
+        entries.append(
+            Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
+                   linewidth=1.2, label="target (line: error)")
+        )  # fmt: skip
+    if any(mark.directions for mark in marks_drawn):
+        entries.append(
+            Line2D([], [], color=TARGET, marker=">", markersize=3.0, linewidth=0.7,
+                   label="direction asked for")
+        )  # fmt: skip
+    if any(len(row.tips) for row in rows):
+        entries.append(
+            Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip")
+        )
     if plan.motion.trunk.head.body:
         entries.append(Patch(color=HEAD, label="head"))
     if plan.motion.spec.obstacles:
         entries.append(Patch(color=OBSTACLE, label="obstacle"))
-    if row.logs:
+    if any(row.logs for row in rows):
+        entries.append(Patch(color=WOOD, label="log"))
+    if any(np.ptp(path, axis=0).any() for row in rows for path in row.log_paths):
         entries.append(
             Line2D([], [], color=LOG_PATH, marker=".", linewidth=0.8, label="path of the log")
         )
-    if row.mass is not None:
-        label = f"{row.mass.mass:g} kg that the tip carries"
+    mass = rows[0].mass
+    if mass is not None:
+        label = f"{mass.mass:g} kg that the tip carries"
         entries.append(Line2D([], [], color=MASS, marker="o", linestyle="", label=label))
     style.legend_below_title(figure, entries)
 
@@ -310,4 +350,4 @@ def _caption(plan: Plan, row: Row) -> str:
         text += f";  position error at the end: at most {rounded(max(errors))} mm"
     if row.mass is not None and any(row.mass.carried[number] for number in _ends(row)):
         text += f";  {row.mass.mass:g} kg at the tip"
-    return text
+    return "\n".join(textwrap.wrap(text, CAPTION))
