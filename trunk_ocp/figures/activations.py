@@ -68,8 +68,10 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
             1, 2, wspace=0.22, left=0.085, right=0.985, top=(below + heads) / height,
             bottom=below / height,
         )  # fmt: skip
+        times = curve_times(plan)
+        angles = np.degrees(curves(plan, times)[:, -2:]).T
         for index, panel in enumerate(grid.subplots(squeeze=False)[0]):
-            _head_panel(panel, plan, index)
+            _head_panel(panel, plan, index, times, angles[index])
             if not names:
                 style.number_phases(panel, motion, end_of(plan))
     style.legend_below_title(figure, () if mapped else _legend(), motion=motion)
@@ -167,6 +169,8 @@ def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None
         (above, 2.2, "white", "at upper bound"),
         (below, 3.8, color, "at lower bound"),
     ):
+        if not touch.any():
+            continue
         axes.plot(
             times[touch], value[touch], "s", markersize=size, markerfacecolor=face,
             markeredgecolor="k" if touch is below else color, markeredgewidth=0.6,
@@ -193,11 +197,9 @@ def _head_turns(plan: Plan) -> bool:
     return any(values[:, -2:].any() for values in (plan.trajectory, *limits(plan)))
 
 
-def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
-    times = curve_times(plan)
+def _head_panel(axes: Axes, plan: Plan, index: int, times: np.ndarray, degrees: np.ndarray) -> None:
     column = len(plan.motion.trunk.muscles) + index
     style.shade_phases(axes, plan.motion, end_of(plan))
-    degrees = np.degrees(curves(plan, times)[:, column])
     axes.plot(times, degrees, color="k", zorder=3, gid=f"head {index}")
     steps, value = plan.motion.times[: len(plan.x)], np.degrees(plan.x[:, column])
     below, above = (at[:, column] for at in touching(plan))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..scene.surroundings import TipMass
 from .projection import Surface, ball, outside
 
 CENTERS = 40  # points of the centerline
-OVERLAP = 0.004  # of the trunk's length: how deep bodies stay in each other, to leave no gap
+OVERLAP = 0.002  # of the trunk's length: how deep bodies stay in each other, to leave no gap
 
 
 def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
@@ -52,24 +52,31 @@ def _head(parts: tuple[Solid, ...], length: float) -> tuple[np.ndarray, ...]:
         facets = mesh.points[mesh.facets]
         for other in parts:
             if other is not part:
-                facets = outside(
-                    facets, lambda points, body=other: signed_distance(body, points)[0]
-                )
+                facets = outside(facets, partial(_gap, other))
         gap, normal = signed_distance(part, facets)  # corners of cut facets are on chords
         pieces.append(facets - gap[..., None] * normal)
     return tuple(pieces)
 
 
-def joined_with_head(plan: Plan, moment: Moment, bodies: Sequence[Surface]) -> list[Surface]:
-    """Bodies of the trunk at a moment, head and obstacles: without what is inside each other."""
+def _gap(solid: Solid, points: np.ndarray) -> np.ndarray:
+    return signed_distance(solid, points)[0]
+
+
+def joined_with_head(
+    plan: Plan, moment: Moment, bodies: Sequence[Surface], halvings: int = 2
+) -> list[Surface]:
+    """Bodies of the trunk at a moment, head and obstacles: without what is inside each other.
+
+    `halvings` of facets where bodies meet the head.
+    """
     solids = solid_surfaces(plan, moment)
     parts = head_solids(plan.motion.trunk)
     if not parts:
         return [*bodies, *solids]
     in_trunk = _distance_from_trunk(plan, moment)
     in_head = _distance_from_head(plan, moment, solids[: len(parts)])
-    head = [Surface(outside(s.facets, in_trunk), s.color) for s in solids[: len(parts)]]
-    free = [Surface(outside(body.facets, in_head), body.color) for body in bodies]
+    head = [Surface(outside(s.facets, in_trunk, halvings), s.color) for s in solids[: len(parts)]]
+    free = [Surface(outside(body.facets, in_head, halvings), body.color) for body in bodies]
     return [*free, *head, *solids[len(parts) :]]
 
 
@@ -85,6 +92,8 @@ def _distance_from_head(plan: Plan, moment: Moment, surfaces: Sequence[Surface])
     def distance(points: np.ndarray) -> np.ndarray:
         gaps = np.ones(points.shape[:-1])
         near = ((points > low) & (points < high)).all(axis=-1)
+        if not near.any():
+            return gaps
         there = in_head_frame(trunk, points[near], moment.head)
         each = [signed_distance(part, there)[0] for part in head_solids(trunk)]
         gaps[near] = np.min(each, axis=0) + OVERLAP * trunk.length
@@ -94,15 +103,22 @@ def _distance_from_head(plan: Plan, moment: Moment, surfaces: Sequence[Surface])
 
 
 def _distance_from_trunk(plan: Plan, moment: Moment) -> Distance:
-    """Distance in m from the trunk's surface, negative inside; its base has no flat end here."""
+    """Distance in m from the trunk, negative inside; 1 m of points that are not near.
+
+    The trunk is a row of balls here, so that its base has no flat end.
+    """
     trunk = plan.motion.trunk
     Z = np.linspace(0.0, trunk.length, CENTERS)
     centers = moment.shape.position(Z)[0]
     radii = section_scale(trunk, moment.shape)[0] * trunk.base_radius * np.asarray(trunk.taper(Z))
 
+    low, high = (centers - radii[:, None]).min(axis=0), (centers + radii[:, None]).max(axis=0)
+
     def distance(points: np.ndarray) -> np.ndarray:
-        apart = np.linalg.norm(points[..., None, :] - centers, axis=-1)
-        gaps: np.ndarray = (apart - radii).min(axis=-1)
-        return gaps + OVERLAP * trunk.length
+        gaps = np.ones(points.shape[:-1])
+        near = ((points > low) & (points < high)).all(axis=-1)
+        apart = np.linalg.norm(points[near][:, None] - centers, axis=-1)
+        gaps[near] = (apart - radii).min(axis=-1) + OVERLAP * trunk.length
+        return gaps
 
     return distance

@@ -123,6 +123,8 @@ def outside(
         Signed distance (...,) in m of points (..., 3) from the body, negative inside.
     """
     gaps = distance(facets)
+    if (gaps >= 0).all():
+        return facets
     cut = (gaps < 0).any(axis=1) & (gaps > 0).any(axis=1)
     if not halvings:
         return facets[(gaps >= 0).any(axis=1)]

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
+from scipy.interpolate import make_interp_spline
 
 from .._support.wording import rounded
 from ..planning.plan import Plan
@@ -52,7 +53,8 @@ CAPTION = 118  # letters in a line
 MARGIN = 0.035  # of the trunk's length, around all that is drawn
 MAX_HEIGHT = 225.0  # mm, of all rows together: a page
 MAX_ROWS = 5  # on a page; if there are more phases, several share a row
-MAX_TIPS = 121  # points of the tip's path through a phase
+MAX_TIPS = 61  # computed points of the tip's path through a phase
+SMOOTH = 60  # points of the curve through them
 MAX_TRUNKS = 6  # in a row
 MAX_LENGTH = 105.0  # mm on paper for the trunk's length, even where it moves little
 
@@ -100,11 +102,22 @@ def row_of(plan: Plan, number: int) -> Row:
     trunks = moments_at(plan, times_of_phase(plan, number), number)
     cylinders = logs(plan)
     log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is the start
-    tip = np.array([plan.motion.trunk.length])
-    count = min(max(13, 3 * len(steps) + 1), MAX_TIPS)  # enough that the path looks smooth
-    between = moments_at(plan, times_of_phase(plan, number, count), number)
-    tips = np.array([moment.shape.position(tip)[0, 0] for moment in between]).reshape(-1, 3)
+    tips = _tip_path(plan, number, len(steps))
     return Row(number, trunks, cylinders, log_paths, tip_mass(plan), marks(plan, steps[-1]), tips)
+
+
+def _tip_path(plan: Plan, number: int, steps: int) -> np.ndarray:
+    """Path (n, 3) in m of the tip through a phase: a curve through some computed points."""
+    tip = np.array([plan.motion.trunk.length])
+    count = min(max(9, 2 * steps + 1), MAX_TIPS)
+    moments = moments_at(plan, times_of_phase(plan, number, count), number)
+    tips = np.array([moment.shape.position(tip)[0, 0] for moment in moments]).reshape(-1, 3)
+    if len(tips) < 3 or plan.motion.phases[number].interpolation == "none":
+        return tips
+    times = np.array([moment.time for moment in moments])
+    fine = np.unique([*times, *np.linspace(times[0], times[-1], SMOOTH)])
+    smooth: np.ndarray = make_interp_spline(times, tips, k=min(3, len(tips) - 1))(fine)
+    return smooth
 
 
 def merged(rows: list[Row]) -> list[Row]:
