@@ -20,6 +20,7 @@ from ..errors import InputError, TrunkError
 from ..planning.plan import Plan
 from ..problem.interpolation import with_marks
 from ..scene.body import core_body, core_radius
+from ..scene.colors import WOOD
 from ..scene.moments import Moment, end_of, moments_at, phase_at
 from ..scene.surfaces import coarse_body
 from ..scene.surroundings import logs, tip_mass
@@ -28,7 +29,6 @@ from .activation_colors import activation_color, color_bar, strongest
 from .bodies import joined_with_head, mass_surfaces, solid_surfaces
 from .muscles import DARKEST, MARGIN, VIEWS, sections_of
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD
 
 FRAME_RATE = 15  # per second of film
 SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds

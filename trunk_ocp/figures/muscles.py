@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -216,9 +217,10 @@ def _silhouette(
 ) -> None:
     scale = section_scale(trunk, moment.shape)[0]
     radii = scale * trunk.base_radius * np.asarray(trunk.taper(Z))
+    outlines: Any = silhouette(view, line, radii)
     axes.add_collection(
         PolyCollection(
-            silhouette(view, line, radii), facecolors=SILHOUETTE, edgecolors=SILHOUETTE,
+            outlines, facecolors=SILHOUETTE, edgecolors=SILHOUETTE,
             linewidths=0.25, zorder=1, gid="silhouette",
         ),
         autolim=False,

@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 from .._support.wording import rounded
 from ..planning.plan import Plan
 from ..scene.body import frames, round_body
-from ..scene.colors import HEAD, MASS, OBSTACLE
+from ..scene.colors import HEAD, MASS, OBSTACLE, TARGET, WOOD
 from ..scene.moments import Moment, moments_at, times_of_phase
 from ..scene.surroundings import Log, Mark, TipMass, logs, marks, tip_mass
 from . import style
@@ -42,9 +42,7 @@ from .projection import (
 )
 
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
-WOOD = "#B08D57"
 LOG_PATH = "#5A3E12"
-TARGET = "#CC0055"
 SECTIONS = 36
 HEADER = 10.0  # mm, for title and legend
 ARROW = 0.1  # of the trunk's length

@@ -189,10 +189,9 @@ def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
 
 def number_phases(axes: Axes, motion: Motion, end: float) -> None:
     """Write the numbers of phases above a panel over time, as many as there is room for."""
-    figure = axes.figure
     if not numbered(motion) or end <= 0:
         return
-    width = axes.get_position().width * figure.get_figwidth() / MM
+    width = axes.get_window_extent().width / axes.figure.dpi / MM
     start, last = 0.0, -np.inf
     for number, phase in enumerate(motion.phases, 1):
         middle = width * (start + min(phase.end, end)) / 2 / end
