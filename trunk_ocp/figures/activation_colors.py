@@ -33,7 +33,7 @@ def strongest(plan: Plan) -> float:
 def color_bar(figure: Figure, scale: Normalize) -> None:
     """Draw the color bar of |activation| at the bottom of a figure."""
     height = figure.get_figheight() / style.MM
-    axes = figure.add_axes((0.3, 9.0 / height, 0.4, 2.2 / height))
+    axes = figure.add_axes((0.3, 9.0 / height, 0.4, 2.2 / height), label="color bar")
     mapped = ScalarMappable(scale, matplotlib.colormaps[ACTIVATION])
     figure.colorbar(mapped, cax=axes, orientation="horizontal", label=LABEL)
 
@@ -42,5 +42,6 @@ def color_bar_beside(panels: np.ndarray, scale: Normalize) -> None:
     """Draw the color bar of |activation| to the right of panels (rows, columns)."""
     top, bottom = panels[0, -1].get_position(), panels[-1, -1].get_position()
     figure = panels[0, 0].figure
-    axes = figure.add_axes((top.x1 + 0.02, bottom.y0, 0.012, top.y1 - bottom.y0))
+    place = (top.x1 + 0.02, bottom.y0, 0.012, top.y1 - bottom.y0)
+    axes = figure.add_axes(place, label="color bar")
     figure.colorbar(ScalarMappable(scale, matplotlib.colormaps[ACTIVATION]), cax=axes, label=LABEL)

@@ -53,7 +53,7 @@ def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
         grid = grids[0].subgridspec(rows, columns, hspace=0.18, wspace=0.12)
         panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
         _activations(panels, (sequential, horizon))
-    below = grids[1].subgridspec(1, 3, wspace=0.42).subplots(squeeze=False)[0]
+    below = grids[1].subgridspec(1, 3, wspace=0.55).subplots(squeeze=False)[0]
     _numbers(list(below), (sequential, horizon))
     _legend(figure, (sequential, horizon))
     return figure

@@ -44,7 +44,8 @@ from .projection import (
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
 LOG_PATH = "#5A3E12"
 SECTIONS = 36
-HEADER = 10.0  # mm, for title and legend
+HEADER = 6.0  # mm, for the title
+LEGEND_ENTRIES = 5  # in a row
 ARROW = 0.1  # of the trunk's length
 FORESHORTENED = 0.3  # of its length, below which an arrow is a symbol
 CAPTION = 118  # letters in a line
@@ -154,11 +155,13 @@ def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     largest = MAX_LENGTH / plan.motion.trunk.length
     scale = min(usable / sum(box.width for box in boxes[0]), room / sum(tall), largest)
     spare = (usable - scale * sum(box.width for box in boxes[0])) / 2
-    height = scale * sum(tall) + len(rows) * (above + below) + HEADER
+    legend = _legend(plan, rows)
+    header = HEADER + style.ROW * len(legend)
+    height = scale * sum(tall) + len(rows) * (above + below) + header
     figure = style.new_figure(height)
     style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
-    _legend(figure, plan, rows)
-    top = height - HEADER
+    style.legend_below_title(figure, *legend)
+    top = height - header
     for row, of_row, size in zip(rows, boxes, tall, strict=True):
         top -= above
         x = left
@@ -310,8 +313,9 @@ def _direction(axes: Axes, view: View, start: np.ndarray, arrow: np.ndarray) -> 
     )  # fmt: skip
 
 
-def _legend(figure: Figure, plan: Plan, rows: list[Row]) -> None:
-    entries: list[Artist] = []
+def _legend(plan: Plan, rows: list[Row]) -> list[list[Artist]]:
+    """Rows of the legend: an entry for each kind of thing that is drawn."""
+    entries: list[Artist] = [Patch(color=EARLY_TO_LATE(0.7), label="trunk (later: darker)")]
     marks_drawn = [mark for row in rows for mark in row.marks]
     if any(mark.placed for mark in marks_drawn):
         entries.append(
@@ -341,7 +345,7 @@ def _legend(figure: Figure, plan: Plan, rows: list[Row]) -> None:
     if mass is not None:
         label = f"{mass.mass:g} kg that the tip carries"
         entries.append(Line2D([], [], color=MASS, marker="o", linestyle="", label=label))
-    style.legend_below_title(figure, entries)
+    return [entries[n : n + LEGEND_ENTRIES] for n in range(0, len(entries), LEGEND_ENTRIES)]
 
 
 def _ends(row: Row) -> list[int]:
@@ -353,7 +357,7 @@ def _caption(plan: Plan, row: Row) -> str:
     after = [" (just after)" if moment.after else "" for moment in row.trunks]
     times = ", ".join(f"{moment.time:.2f}{w}" for moment, w in zip(row.trunks, after, strict=True))
     names = [style.escaped(style.shortened(plan.motion.phases[n].name, 30)) for n in _ends(row)]
-    text = f"{' to '.join(names)}:  t = {times} s, from light to dark"
+    text = f"{' to '.join(names)}:  t = {times} s"
     errors = [
         1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks if mark.placed
     ]
