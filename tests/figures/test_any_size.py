@@ -41,7 +41,7 @@ def figures_of(case):
 @pytest.fixture(scope="module", params=CASES)
 def drawn(request):
     """Figures of a plan, drawn once with warnings as errors."""
-    with warnings.catch_warnings(), style.styled():
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
         figures = figures_of(request.param)
         for figure in figures.values():
@@ -205,7 +205,7 @@ def test_the_film_has_room_for_the_head():
 
 
 def test_threads_that_draw_leave_the_settings_alone():
-    plan, before = extreme("one phase"), dict(matplotlib.rcParams)
+    plan, before = extreme("one phase"), {key: matplotlib.rcParams[key] for key in style.LOOK}
 
     def draw():
         with style.styled():
@@ -216,4 +216,4 @@ def test_threads_that_draw_leave_the_settings_alone():
         thread.start()
     for thread in threads:
         thread.join()
-    assert dict(matplotlib.rcParams) == before
+    assert {key: matplotlib.rcParams[key] for key in style.LOOK} == before

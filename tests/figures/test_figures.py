@@ -161,7 +161,7 @@ def test_bounds_drawn_are_those_of_the_motion():
     index = plan.motion.trunk.muscles.index("R3-dr")
     lower = [step.box.lower[index] for step in plan.motion.steps]
     assert any(np.array_equal(values, lower) for values in of_axes)
-    head = np.concatenate([v for key, values in drawn.items() if "psi" in key for v in values])
+    head = np.concatenate([v for key, values in drawn.items() if "ψ" in key for v in values])
     assert np.nanmin(head) == pytest.approx(-15.0)  # pi/12; free angles have no bound
     assert np.isnan(head).any()
 

@@ -45,6 +45,7 @@ def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[P
     return paths
 
 
+@style.self_contained
 def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure:
     """The figure that `draw_activations` writes, of some muscle groups or all."""
     motion, names = plan.motion, groups(plan.motion.trunk) if names is None else names

@@ -46,6 +46,7 @@ def draw_anatomy(
     return paths
 
 
+@style.self_contained
 def sections_figure(trunk: Trunk) -> Figure:
     """Cross-sections of every segment in cm, all to one scale."""
     shown = style.shown_segments(trunk)
@@ -105,6 +106,7 @@ def draw_section(axes: Axes, trunk: Trunk, segment: int) -> None:
     axes.set_xlabel("$d_2$, right (cm)")
 
 
+@style.self_contained
 def bodies_figure(trunk: Trunk) -> Figure:
     """Left: each group from above (dorsal); right: all muscles, moved outward."""
     relaxed = np.zeros((1, len(trunk.subdomains)))

@@ -35,6 +35,7 @@ def draw_comparison(
         return style.save(comparison_figure(sequential, horizon), folder, "comparison", formats)
 
 
+@style.self_contained
 def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
     """The figure that `draw_comparison` writes."""
     trunk = horizon.motion.trunk

@@ -44,6 +44,7 @@ def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndar
     return {Z: (np.array([*at]), np.array([*at.values()])) for Z, at in sorted(series.items())}
 
 
+@style.self_contained
 def errors_figure(plan: Plan) -> Figure:
     """The figure that `draw_errors` writes."""
     above = style.header(plan.motion, rows=0) + 4.5

@@ -72,6 +72,7 @@ def draw_muscles(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]
     return paths
 
 
+@style.self_contained
 def muscles_figure(
     plan: Plan, moments: list[Moment], side: str, names: Sequence[str] | None = None
 ) -> Figure:

@@ -34,6 +34,7 @@ def draw_redundancy(
         return style.save(redundancy_figure(redundancy), folder, "redundancy", formats)
 
 
+@style.self_contained
 def redundancy_figure(redundancy: Redundancy) -> Figure:
     """The figure that `draw_redundancy` writes."""
     plan = redundancy.plan

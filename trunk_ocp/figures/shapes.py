@@ -144,6 +144,7 @@ def _one_row(rows: list[Row]) -> Row:
     )
 
 
+@style.self_contained
 def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     """The figure that `draw_shapes` writes."""
     views = (SIDE, FRONT, three_quarter(_centerlines(plan, rows)))

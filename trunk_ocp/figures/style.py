@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import textwrap
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 import matplotlib
 import numpy as np
@@ -99,6 +100,29 @@ def styled() -> Iterator[None]:
         )
     with _SETTINGS, matplotlib.rc_context(LOOK):
         yield
+
+
+P = ParamSpec("P")
+
+
+def self_contained(make: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Give a function that makes a figure our look, and let the figure keep it anywhere.
+
+    Matplotlib creates ticks as it draws, with the settings of that moment.
+    """
+
+    @wraps(make)
+    def figure_of(*arguments: P.args, **options: P.kwargs) -> Figure:
+        with styled():
+            figure = make(*arguments, **options)
+            for axes in figure.axes:
+                axes.tick_params(
+                    labelsize=LOOK["xtick.labelsize"], width=LOOK["xtick.major.width"],
+                    length=LOOK["xtick.major.size"],
+                )  # fmt: skip
+        return figure
+
+    return figure_of
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
