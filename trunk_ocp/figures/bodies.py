@@ -19,6 +19,7 @@ from .projection import Surface, ball, outside
 
 CENTERS = 40  # points of the centerline
 OVERLAP = 0.002  # of the trunk's length: how deep bodies stay in each other, to leave no gap
+HEAD_OVERLAP = 0.005  # the same of parts of the head, which have one color
 
 
 def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
@@ -52,31 +53,26 @@ def _head(parts: tuple[Solid, ...], length: float) -> tuple[np.ndarray, ...]:
         facets = mesh.points[mesh.facets]
         for other in parts:
             if other is not part:
-                facets = outside(facets, partial(_gap, other))
+                facets = outside(facets, partial(_gap, other, HEAD_OVERLAP * length))
         gap, normal = signed_distance(part, facets)  # corners of cut facets are on chords
         pieces.append(facets - gap[..., None] * normal)
     return tuple(pieces)
 
 
-def _gap(solid: Solid, points: np.ndarray) -> np.ndarray:
-    return signed_distance(solid, points)[0]
+def _gap(solid: Solid, overlap: float, points: np.ndarray) -> np.ndarray:
+    return signed_distance(solid, points)[0] + overlap
 
 
-def joined_with_head(
-    plan: Plan, moment: Moment, bodies: Sequence[Surface], halvings: int = 2
-) -> list[Surface]:
-    """Bodies of the trunk at a moment, head and obstacles: without what is inside each other.
-
-    `halvings` of facets where bodies meet the head.
-    """
+def joined_with_head(plan: Plan, moment: Moment, bodies: Sequence[Surface]) -> list[Surface]:
+    """Bodies of the trunk at a moment, head and obstacles: without what is inside each other."""
     solids = solid_surfaces(plan, moment)
     parts = head_solids(plan.motion.trunk)
     if not parts:
         return [*bodies, *solids]
     in_trunk = _distance_from_trunk(plan, moment)
     in_head = _distance_from_head(plan, moment, solids[: len(parts)])
-    head = [Surface(outside(s.facets, in_trunk, halvings), s.color) for s in solids[: len(parts)]]
-    free = [Surface(outside(body.facets, in_head, halvings), body.color) for body in bodies]
+    head = [Surface(outside(s.facets, in_trunk), s.color) for s in solids[: len(parts)]]
+    free = [Surface(outside(body.facets, in_head), body.color) for body in bodies]
     return [*free, *head, *solids[len(parts) :]]
 
 

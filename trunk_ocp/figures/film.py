@@ -160,7 +160,7 @@ class Stage:
             if core_radius(trunk, segment) > 0
         ]
         surfaces += [Surface(facets_of(core, sections), CORE) for core in cores]
-        return joined_with_head(self.plan, moment, surfaces, halvings=1) + self.objects(moment)
+        return joined_with_head(self.plan, moment, surfaces) + self.objects(moment)
 
     def objects(self, moment: Moment) -> list[Surface]:
         """Logs and the tip mass at a moment."""

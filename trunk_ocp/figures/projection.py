@@ -113,9 +113,9 @@ def paint(
 
 
 def outside(
-    facets: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], halvings: int = 2
+    facets: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], halvings: int = 1
 ) -> np.ndarray:
-    """Facets (k, 4, 3) without what is inside a body, cut finely along its surface.
+    """Facets (k, 4, 3) without what is inside a body, cut along its surface.
 
     Sorted by depth, large facets of two bodies that meet would cover each other in teeth.
 
@@ -128,11 +128,25 @@ def outside(
     if (gaps >= 0).all():
         return facets
     cut = (gaps < 0).any(axis=1) & (gaps > 0).any(axis=1)
+    whole = facets[(gaps >= 0).all(axis=1)]
     if not halvings:
-        return facets[(gaps >= 0).any(axis=1)]
-    return np.concatenate(
-        [facets[(gaps >= 0).all(axis=1)], outside(_quartered(facets[cut]), distance, halvings - 1)]
-    )
+        return np.concatenate([whole, _trimmed(facets[cut], gaps[cut])])
+    return np.concatenate([whole, outside(_quartered(facets[cut]), distance, halvings - 1)])
+
+
+def _trimmed(facets: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Facets (k, 4, 3) whose corners with gaps < 0 move along an edge to where the gap is 0."""
+    inside = gaps < 0
+    moved, left = facets.copy(), inside.copy()
+    for way in (1, -1):
+        beside, beyond = np.roll(facets, way, axis=1), np.roll(gaps, way, axis=1)
+        here = left & (beyond > 0)
+        share = gaps[here] / (gaps[here] - beyond[here])
+        moved[here] += share[:, None] * (beside[here] - facets[here])
+        left &= ~here
+    across = (np.roll(moved, 1, axis=1) + np.roll(moved, -1, axis=1)) / 2
+    moved[left] = across[left]  # opposite to the only corner outside
+    return moved
 
 
 def _quartered(facets: np.ndarray) -> np.ndarray:
