@@ -75,7 +75,8 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
             _head_panel(panel, plan, index, times, angles[index])
             if not names:
                 style.number_phases(panel, motion, end_of(plan))
-    style.legend_below_title(figure, () if mapped else _legend(), motion=motion)
+    shaded = bool(heads) or not mapped or style.numbered(motion)
+    style.legend_below_title(figure, () if mapped else _legend(), motion=motion if shaded else None)
     return figure
 
 
@@ -124,10 +125,8 @@ def map_panels(figure: Figure, panels: np.ndarray, plan: Plan, names: Sequence[s
             for phase in plan.motion.phases[:-1]:
                 axes.axvline(phase.end, color=style.FAINT, linewidth=0.5)
             if row == 0:
-                style.number_phases(axes, plan.motion, end_of(plan))
-                axes.set_title(
-                    side_name, pad=style.NUMBERS_PAD if style.numbered(plan.motion) else None
-                )
+                style.number_phases(axes, plan.motion, end_of(plan), named=True)
+                axes.set_title(side_name, pad=style.NUMBERS_PAD)
             if row == len(names) - 1:
                 axes.set_xlabel("time (s)")
         panels[row, 0].set_ylabel(f"{group}\nsegment (number)", color=style.INK)

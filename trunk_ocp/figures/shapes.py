@@ -45,7 +45,7 @@ EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"]
 LOG_PATH = "#5A3E12"
 SECTIONS = 36
 HEADER = 6.0  # mm, for the title
-LEGEND_ENTRIES = 5  # in a row
+LEGEND_ENTRIES = 6  # in a row
 ARROW = 0.1  # of the trunk's length
 FORESHORTENED = 0.3  # of its length, below which an arrow is a symbol
 CAPTION = 118  # letters in a line
@@ -346,7 +346,8 @@ def _legend(plan: Plan, rows: list[Row]) -> list[list[Artist]]:
     if mass is not None:
         label = f"{mass.mass:g} kg that the tip carries"
         entries.append(Line2D([], [], color=MASS, marker="o", linestyle="", label=label))
-    return [entries[n : n + LEGEND_ENTRIES] for n in range(0, len(entries), LEGEND_ENTRIES)]
+    count = -(-len(entries) // LEGEND_ENTRIES)
+    return [[*part] for part in np.array_split(np.array(entries, dtype=object), count)]
 
 
 def _ends(row: Row) -> list[int]:

@@ -47,6 +47,7 @@ LEGEND_LETTERS = 70  # in a line of a legend, for the names of all phases
 KEY_LINE = 150  # letters in a line of numbered phases
 MAX_KEY_LINES = 3
 NUMBER_WIDTH = 3.2  # mm, for the number of a phase
+SMALL_LETTER = 1.2  # mm
 NUMBERS_PAD = 10.0  # points, between a panel with numbers above it and its heading
 MAX_TITLE = 80  # letters
 MAX_SEGMENTS = 6  # panels side by side
@@ -211,17 +212,22 @@ def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
         axes.set_xlim(0, end)
 
 
-def number_phases(axes: Axes, motion: Motion, end: float) -> None:
-    """Write the numbers of phases above a panel over time, as many as there is room for."""
-    if not numbered(motion) or end <= 0:
+def number_phases(axes: Axes, motion: Motion, end: float, named: bool = False) -> None:
+    """Write the numbers of phases above a panel over time, as many as there is room for.
+
+    Phases that colors tell apart need none; with `named` they get their names.
+    """
+    if end <= 0 or not (named or numbered(motion)):
         return
     width = axes.get_window_extent().width / axes.figure.dpi / MM
     start, last = 0.0, -np.inf
     for number, phase in enumerate(motion.phases, 1):
         middle = width * (start + min(phase.end, end)) / 2 / end
+        letters = int(width * (min(phase.end, end) - start) / end / SMALL_LETTER)
+        text = f"{number}" if numbered(motion) else escaped(shortened(phase.name, max(letters, 4)))
         if start < end and middle - last >= NUMBER_WIDTH:
             axes.annotate(
-                f"{number}", (middle / width, 1.0), (0, 1), xycoords="axes fraction",
+                text, (middle / width, 1.0), (0, 1), xycoords="axes fraction",
                 textcoords="offset points", ha="center", va="bottom", fontsize=5.5, color=FAINT,
                 gid="phase number",
             )  # fmt: skip
