@@ -55,6 +55,8 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
     between = 12.0 if names and heads else 0.0
     height = above + PANEL * len(names) + between + heads + below
     figure = style.new_figure(height)
+    times = curve_times(plan)
+    values = curves(plan, times)
     style.headline(figure, f"{style.title(motion)} ({plan.mode}{style.unsolved_note(plan)})")
     if names:
         grid = figure.add_gridspec(
@@ -63,14 +65,13 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
             bottom=(below + heads + between) / height,
         )  # fmt: skip
         panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
-        (map_panels if mapped else muscle_panels)(figure, panels, plan, names)
+        (map_panels if mapped else muscle_panels)(panels, plan, names, times, values)
     if heads:
         grid = figure.add_gridspec(
             1, 2, wspace=0.22, left=0.085, right=0.985, top=(below + heads) / height,
             bottom=below / height,
         )  # fmt: skip
-        times = curve_times(plan)
-        angles = np.degrees(curves(plan, times)[:, -2:]).T
+        angles = np.degrees(values[:, -2:]).T
         for index, panel in enumerate(grid.subplots(squeeze=False)[0]):
             _head_panel(panel, plan, index, times, angles[index])
             if not names:
@@ -80,11 +81,14 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
     return figure
 
 
-def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan, names: Sequence[str]) -> None:
-    """Fill panels (groups, segments) with a plan's activations, bounds and time steps."""
+def muscle_panels(
+    panels: np.ndarray, plan: Plan, names: Sequence[str], times: np.ndarray, values: np.ndarray
+) -> None:
+    """Fill panels (groups, segments) with a plan's activations, bounds and time steps.
+
+    values (n, muscles + 2) at times (n,) in s.
+    """
     trunk = plan.motion.trunk
-    times = curve_times(plan)
-    values = curves(plan, times)
     for row, group in enumerate(names):
         for segment in range(trunk.segments):
             axes = panels[row, segment]
@@ -101,11 +105,14 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan, names: Sequenc
         panels[0, 0].set_ylim(*activation_range([plan]))  # shared by all panels
 
 
-def map_panels(figure: Figure, panels: np.ndarray, plan: Plan, names: Sequence[str]) -> None:
-    """Fill panels (groups, sides) with maps of activation: time across, segments down."""
+def map_panels(
+    panels: np.ndarray, plan: Plan, names: Sequence[str], times: np.ndarray, values: np.ndarray
+) -> None:
+    """Fill panels (groups, sides) with maps of activation: time across, segments down.
+
+    values (n, muscles + 2) at times (n,) in s.
+    """
     trunk = plan.motion.trunk
-    times = curve_times(plan)
-    values = np.abs(curves(plan, times)[:, :-2]).T
     scale = Normalize(0.0, strongest(plan))
     for row, group in enumerate(names):
         for column, (side, (side_name, _)) in enumerate(style.SIDES.items()):
@@ -113,7 +120,7 @@ def map_panels(figure: Figure, panels: np.ndarray, plan: Plan, names: Sequence[s
             shown = np.full((trunk.segments, len(times)), np.nan)
             for index, muscle in enumerate(trunk.subdomains):
                 if (muscle.group, muscle.side) == (group, side):
-                    shown[muscle.segment] = values[index]
+                    shown[muscle.segment] = np.abs(values[:, index])
             axes.pcolormesh(
                 times, np.arange(1, trunk.segments + 1), shown, norm=scale, cmap=ACTIVATION,
                 shading="nearest", rasterized=True, gid=f"{group} {side}",
