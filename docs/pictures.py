@@ -14,8 +14,9 @@ from PIL import Image
 
 import trunk_ocp as to
 from trunk_ocp.figures import style
+from trunk_ocp.figures.activation_colors import ACTIVATION
 from trunk_ocp.figures.film import Stage
-from trunk_ocp.figures.muscles import ACTIVATION, VIEWS
+from trunk_ocp.figures.muscles import VIEWS
 from trunk_ocp.figures.projection import frame
 from trunk_ocp.scene.moments import Moment, moments_at, phase_at
 

@@ -125,10 +125,11 @@ def test_tasks_are_computed_here_where_there_is_no_room_for_a_process(monkeypatc
 def test_all_is_drawn_here_where_no_process_can_be_started(tmp_path, monkeypatch):
     monkeypatch.setattr("multiprocessing.context.SpawnContext.Lock", no_lock)
     monkeypatch.setattr(drawing, "PARTS", drawing.PARTS[-1:])
+    monkeypatch.setattr(drawing, "draw_anatomy", lambda *arguments: [])
     plan = plan_motion(load_motion(written(tmp_path, TOUCH)), lookahead=1)
-    page, failures = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path)
-    assert (page, failures) == (tmp_path / drawing.PAGE, [])
-    assert page.exists()
+    drawn = drawing.draw_run([plan], [tmp_path / "sequential"], tmp_path, everything=True)
+    assert (drawn.page, drawn.failures) == (tmp_path / drawing.PAGE, ())
+    assert drawn.page.exists()
     assert (tmp_path / "sequential" / "figures" / "errors.png").exists()
 
 

@@ -297,7 +297,9 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     monkeypatch.setattr(film, "MAX_FRAMES", 4)
     monkeypatch.setattr(film, "DPI", 40)
     out = tmp_path / "out"
+    monkeypatch.setattr(film.shutil, "which", lambda program: None)  # no ffmpeg
     arguments = [str(arm_file(tmp_path)), "--out", str(out), "--mode", "both", "--film"]
+    arguments += ["--figures", "all"]
     result = CliRunner().invoke(commands.solve, arguments)
     assert result.exit_code == 0, result.output
     for mode in ("sequential", "horizon"):
@@ -316,6 +318,53 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     assert quiet.exit_code == 0, quiet.output
     assert len(opened) == 1
     assert (out / "horizon" / "motion.html").exists()
+
+
+def pictures(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.suffix in PICTURES}
+
+
+PICTURES = (".png", ".pdf", ".gif", ".mp4", ".html")
+MAIN = {f"horizon/figures/{name}.png" for name in ("shapes", "activations", "errors")}
+OF_TRUNK = ("figures/anatomy-sections", "figures/anatomy-exploded")
+OF_PLAN = ("shapes", "activations", "errors", "muscles-right", "muscles-left")
+ALL = {
+    f"{name}.{kind}"
+    for name in (*OF_TRUNK, *(f"horizon/figures/{name}" for name in OF_PLAN))
+    for kind in ("pdf", "png")
+}
+
+
+@pytest.mark.parametrize(
+    ("options", "files"),
+    [
+        (("--figures", "none"), set()),
+        (("--no-figures",), set()),
+        ((), MAIN | {"motion.html"}),
+        (("--figures", "main"), MAIN | {"motion.html"}),
+        (("--figures", "all"), ALL | {"motion.html"}),
+    ],
+)
+def test_the_option_says_which_figures_are_drawn(tmp_path, monkeypatch, options, files):
+    monkeypatch.setattr(drawing, "PROCESSES", 1)
+    monkeypatch.setitem(style.LOOK, "savefig.dpi", 30.0)
+    monkeypatch.setitem(style.LOOK, "pdf.fonttype", 3)
+    out = tmp_path / "out"
+    result = CliRunner().invoke(
+        commands.solve, [str(arm_file(tmp_path)), "--out", str(out), *options]
+    )
+    assert result.exit_code == 0, result.output
+    assert pictures(out) == files
+    assert ("--figures all also draws" in result.output) == (files == MAIN | {"motion.html"})
+    for name in ("shapes", "activations", "errors") if files else ():
+        assert name in result.output.split("horizon/figures/: ")[1].splitlines()[0]
+
+
+def test_figures_are_asked_for_in_one_way(tmp_path):
+    arguments = [str(arm_file(tmp_path)), "--figures", "all", "--no-figures"]
+    result = CliRunner().invoke(commands.solve, arguments)
+    assert result.exit_code == 2
+    assert "not both" in result.output
 
 
 @pytest.mark.parametrize("verb", ["convert", "view"])

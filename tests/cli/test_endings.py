@@ -200,13 +200,36 @@ def test_a_picture_that_fails_is_a_warning_and_stops_no_other(
     tmp_path, monkeypatch, in_this_process
 ):
     monkeypatch.setattr(drawing, "PARTS", (broken, *drawing.PARTS[-1:]))
-    result = invoked("solve", arm_file(tmp_path), "--out", tmp_path / "out")
+    out = ("--out", tmp_path / "out")
+    result = invoked("solve", arm_file(tmp_path), *out, "--figures", "all")
     assert result.exit_code == 0, result.output
     assert (
         "warning: could not draw the horizon plan's broken: ValueError: 12 phases" in result.stderr
     )
     assert (tmp_path / "out" / "motion.html").exists()
     assert len([*(tmp_path / "out" / "horizon" / "figures").iterdir()]) == len(FORMATS)
+
+
+def test_drawing_that_fails_as_a_whole_is_a_warning(tmp_path, monkeypatch):
+    monkeypatch.setattr(drawing, "draw_run", broken)
+    result = invoked("solve", arm_file(tmp_path), "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "warning: could not draw the figures; the plans are saved: ValueError" in result.stderr
+    assert (tmp_path / "out" / "horizon" / "solution.nc").exists()
+
+
+@pytest.mark.parametrize("error", [ValueError, MemoryError, RecursionError, OSError])
+def test_a_main_figure_that_fails_is_a_sentence(tmp_path, monkeypatch, error):
+    def draw_nothing(*arguments):
+        raise error("12 phases")
+
+    monkeypatch.setattr(drawing, "MAIN_PARTS", (draw_nothing, *drawing.MAIN_PARTS[-1:]))
+    result = invoked("solve", arm_file(tmp_path), "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    said = f"could not draw the horizon plan's nothing: {error.__name__}: 12 phases"
+    assert said in result.stderr
+    assert (tmp_path / "out" / "horizon" / "figures" / "errors.png").exists()
+    assert (tmp_path / "out" / "motion.html").exists()
 
 
 @pytest.mark.parametrize(

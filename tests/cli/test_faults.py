@@ -389,6 +389,7 @@ def test_a_full_disk_is_named_and_leaves_the_old_file(plan, tmp_path, monkeypatc
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr("trunk_ocp.figures.film.MAX_FRAMES", 2)
+    monkeypatch.setattr("trunk_ocp.figures.film.shutil.which", lambda program: None)
     with pytest.raises(InputError, match=rf"{name}: cannot be written \(No space left on device\)"):
         WRITERS[name](plan, tmp_path)
     assert (tmp_path / name).read_text() == "what was there before"

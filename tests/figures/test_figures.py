@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from extreme_plans import extreme
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.image import imread
 from matplotlib.patches import StepPatch
+from PIL import Image
 from plans import MOTIONS, POINT, REACH, ROD, TOUCH, arm, first_steps, planned, written
 
 from docs import conventions
 from trunk_ocp._support.wording import rounded
+from trunk_ocp.errors import TrunkError
 from trunk_ocp.figures import (
     activations,
     anatomy,
@@ -32,10 +35,11 @@ from trunk_ocp.figures import (
     shapes,
     style,
 )
-from trunk_ocp.figures.projection import ABOVE, VIEWS, ball, cylinder
+from trunk_ocp.figures.projection import ABOVE, FRONT, SIDE, ball, cylinder, three_quarter
 from trunk_ocp.model.solids import in_head_frame, signed_distance
 from trunk_ocp.planning.active_bounds import limits, touching
 from trunk_ocp.planning.planner import plan_motion
+from trunk_ocp.planning.results_folder import OF_PLAN
 from trunk_ocp.planning.status import Status
 from trunk_ocp.problem.build import build_motion, load_motion
 from trunk_ocp.problem.step_solids import head_solids
@@ -45,6 +49,11 @@ from trunk_ocp.scene.moments import curve_times, curves, moments_at, times_of_mo
 from trunk_ocp.scene.surroundings import logs, tip_mass
 
 pytestmark = pytest.mark.slow
+
+
+def views_of(plan, rows):
+    """The views that are drawn."""
+    return SIDE, FRONT, three_quarter(shapes._centerlines(plan, rows))
 
 
 def with_gid(figure, gid):
@@ -152,7 +161,7 @@ def test_bounds_drawn_are_those_of_the_motion():
     index = plan.motion.trunk.muscles.index("R3-dr")
     lower = [step.box.lower[index] for step in plan.motion.steps]
     assert any(np.array_equal(values, lower) for values in of_axes)
-    head = np.concatenate([v for key, values in drawn.items() if "psi" in key for v in values])
+    head = np.concatenate([v for key, values in drawn.items() if "ψ" in key for v in values])
     assert np.nanmin(head) == pytest.approx(-15.0)  # pi/12; free angles have no bound
     assert np.isnan(head).any()
 
@@ -264,7 +273,7 @@ def test_a_mass_below_everything_else_is_drawn_completely():
         figure = shapes.shapes_figure(plan, rows)
     seen = 0
     for number, row in enumerate(rows):
-        for place, view in enumerate(VIEWS):
+        for place, view in enumerate(views_of(plan, rows)):
             axes = figure.axes[3 * number + place]
             (low, high), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
             for trunk in row.trunks:
@@ -354,7 +363,8 @@ def test_space_is_drawn_with_equal_scales_and_down_is_down():
 
 
 def test_views_are_right_handed_and_bodies_closed():
-    for view in (*VIEWS, ABOVE):
+    lines = np.random.default_rng(0).normal(size=(2, 9, 3))
+    for view in (SIDE, FRONT, three_quarter(lines), ABOVE):
         right = -view.across if view.mirrored else view.across
         np.testing.assert_allclose(np.cross(right, -view.down), view.out, rtol=0, atol=1e-12)
     for facets in (cylinder(np.ones(3), 0.1, 0.5), ball(np.ones(3), 0.2)):
@@ -372,7 +382,11 @@ def test_muscles_are_colored_by_the_strength_of_their_activation():
         figure = muscles.muscles_figure(plan, moments, "R")
     bodies = figure.findobj(PolyCollection)
     groups = len(colors.groups(plan.motion.trunk))
-    assert len([b for b in bodies if len(b.get_paths()) > 50]) >= 5 * groups
+    alike = muscles._different(plan, moments)
+    assert [moment.time for moment in alike[1]] == [1.0, 1.4]  # the others are on their own
+    assert len(alike) == 4
+    drawn = [b for b in bodies if b.get_gid() != "silhouette" and len(b.get_paths()) > 20]
+    assert len(drawn) == 4 * groups
     assert muscles.strongest(plan) == 3.5
 
 
@@ -474,7 +488,7 @@ def test_wanted_directions_are_drawn_where_the_point_is(tmp_path):
     np.testing.assert_allclose(mark.directions[0], np.divide([0.95, 0, -0.3], np.hypot(0.95, 0.3)))
     with style.styled():
         figure = shapes.shapes_figure(plan, [row])
-    assert len(with_gid(figure, "direction")) == 2 * len(VIEWS)
+    assert len(with_gid(figure, "direction")) == 2 * 3
     assert not with_gid(figure, "target")
 
 
@@ -493,8 +507,9 @@ def test_any_number_of_phases_fits_on_a_page(tmp_path, count):
     with style.styled():
         figure = shapes.shapes_figure(plan, rows)
     assert len(rows) == min(count, shapes.MAX_ROWS)
-    assert len(with_gid(figure, "target")) == count * len(VIEWS)  # none is left out
-    assert figure.get_figheight() / style.MM <= shapes.MAX_HEIGHT + shapes.HEADER + 1e-6
+    assert len(with_gid(figure, "target")) == count * 3  # none is left out
+    header = shapes.HEADER + style.ROW
+    assert figure.get_figheight() / style.MM <= shapes.MAX_HEIGHT + header + 1e-6
     drawn = [axes.get_position() for axes in figure.axes]
     # A trunk of 1 m is to be seen: two centimeters at least.
     assert min(box.height for box in drawn) * figure.get_figheight() / style.MM >= 20
@@ -527,11 +542,14 @@ def test_long_names_stay_within_the_picture(tmp_path):
         figure = activations.activations_figure(plan)
         FigureCanvasAgg(figure).draw()
     page = figure.bbox
-    for artist in (*figure.legends, figure._suptitle):
+    for artist in (*figure.legends, *figure.texts, figure._suptitle):
         box = artist.get_window_extent()
         assert page.x0 <= box.x0
         assert box.x1 <= page.x1
-    assert any("and 3 more phases" in text for text in texts(figure))
+    (key,) = {line for line in texts(figure) if line.startswith("1 ")} - {"1"}
+    assert key.startswith("1 a phase")
+    named = " ".join(style.phase_lines(plan.motion))
+    assert all(f"{n} a phase" in named for n in range(1, 10))
 
 
 def test_a_picture_of_very_many_rows_is_written(tmp_path):
@@ -601,6 +619,69 @@ def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
     with style.styled():
         figure = muscles.muscles_figure(plan, moments_at(plan, np.array([1.0])), "R")
         FigureCanvasAgg(figure).draw()
-        drawn = [axes.title.get_window_extent() for axes in figure.axes if axes.get_title()]
+        drawn = [heading.get_window_extent() for heading in with_gid(figure, "heading")]
     assert len(drawn) == 14
     assert all(one.x1 <= two.x0 for one, two in pairwise(drawn))
+
+
+PROGRAM = """#!/bin/sh
+for argument; do file=$argument; done
+{content}
+"""
+
+
+def ffmpeg(folder, monkeypatch, content):
+    """Put a program of this name on the path."""
+    folder.mkdir()
+    program = folder / "ffmpeg"
+    program.write_text(PROGRAM.format(content=content))
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+
+
+@pytest.fixture
+def short_film(monkeypatch):
+    monkeypatch.setattr(film, "MAX_FRAMES", 2)
+    monkeypatch.setattr(film, "DPI", 20)
+    return extreme("no head")
+
+
+def test_the_film_is_mp4_where_ffmpeg_is(tmp_path, monkeypatch, short_film):
+    ffmpeg(tmp_path / "bin", monkeypatch, 'cat > "$file"')
+    (path,) = film.write_film(short_film, tmp_path / "out")
+    assert path.name == "film.mp4"
+    width, height = (int(mm * style.MM * 20) // 2 * 2 for mm in film.SIZE)  # even, for h264
+    assert path.stat().st_size == 4 * width * height * 3  # frames as they came
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["film.mp4"]
+
+
+@pytest.mark.parametrize("content", ["cat > /dev/null; exit 1", "exit 1"])
+def test_an_ffmpeg_that_fails_is_a_sentence(tmp_path, monkeypatch, short_film, content):
+    ffmpeg(tmp_path / "bin", monkeypatch, content)
+    with pytest.raises(TrunkError, match="ffmpeg failed"):
+        film.write_film(short_film, tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_the_film_is_a_gif_where_ffmpeg_is_not(tmp_path, monkeypatch, short_film):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (path,) = film.write_film(short_film, tmp_path)
+    assert path.name == "film.gif"
+    with Image.open(path) as picture:
+        assert picture.n_frames == 3
+
+
+def test_many_groups_are_drawn_on_several_pages(tmp_path):
+    edges = np.linspace(0.0, 3.1, 10)
+    groups = "".join(
+        f'{{ group = "g{n}", architecture = "longitudinal", radii_over_length = [0.02, 0.05], '
+        f"sector = [{low}, {high}] }},\n"
+        for n, (low, high) in enumerate(pairwise(edges))
+    )
+    text = ROD[: ROD.index("muscles")] + f"muscles = [\n{groups}]\n"
+    plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", text), throw=False)
+    files = [*activations.draw_activations(plan, tmp_path, ("png",)),
+             *muscles.draw_muscles(plan, tmp_path, ("png",))]  # fmt: skip
+    names = ["activations", "activations-2", "muscles-right", "muscles-right-2", "muscles-left"]
+    assert [file.stem for file in files] == [*names, "muscles-left-2"]
+    assert all(OF_PLAN["figures"].fullmatch(file.name) for file in files)

@@ -10,7 +10,7 @@ import numpy as np
 import pygltflib
 import pytest
 import trimesh
-from plans import MOTIONS, planned, soft_rod, written
+from plans import MOTIONS, POINT, planned, soft_rod, written
 from scipy.spatial.transform import Rotation
 from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
@@ -27,6 +27,7 @@ from trunk_ocp.rod.statics import solve_statics
 from trunk_ocp.scene import colors as colors
 from trunk_ocp.scene import keyframes, surfaces
 from trunk_ocp.scene.body import Body, muscle_body, trunk_body
+from trunk_ocp.scene.surroundings import logs, marks, tip_mass
 
 pytestmark = pytest.mark.slow
 
@@ -196,8 +197,29 @@ def muscle_nodes(gltf):
     return [node for node in gltf.nodes if "side" in node.extras]
 
 
-def solid_nodes(gltf):
-    return [node for node in gltf.nodes if "solid" in node.extras]
+def solid_nodes(gltf, *kinds):
+    """Nodes of what surrounds the trunk, such as "head" or "target"."""
+    return [node for node in gltf.nodes if node.extras.get("solid") in kinds]
+
+
+def driven(gltf, node, path):
+    """Times (k,) in s and values (k, ...) of a node's path, which may be still."""
+    number = gltf.nodes.index(node)
+    samplers = [
+        gltf.animations[0].samplers[channel.sampler]
+        for channel in gltf.animations[0].channels
+        if (channel.target.node, channel.target.path) == (number, path)
+    ]
+    if not samplers:
+        still = {"translation": (0.0, 0.0, 0.0), "scale": (1.0, 1.0, 1.0), "rotation": (0, 0, 0, 1)}
+        return np.zeros(1), np.array([getattr(node, path) or still[path]])
+    (sampler,) = samplers
+    return array(gltf, sampler.input), array(gltf, sampler.output)
+
+
+def before(times, values, time):
+    """Value of a stepped path just before a time."""
+    return values[np.searchsorted(times, np.float32(time)) - 1]
 
 
 def shapes(gltf, node, attribute="POSITION"):
@@ -254,15 +276,21 @@ def test_every_mesh_is_closed_outward_and_of_the_right_volume(files, name):
         body = muscle_body(trunk, muscle, start)
         assert mesh.volume == pytest.approx(body.volume[0], rel=0.02)
     parts = {part.name for part in trunk.head.body}
-    assert set(file.scene.geometry) == {*trunk.muscles, *parts}
+    mesh = file.scene.geometry["skin"].copy()
+    mesh.merge_vertices(merge_norm=True, merge_tex=True)
+    mesh = solid(mesh.vertices, mesh.faces)
+    covered = trunk_body(trunk, start).volume[0] * glb.SKIN_RADIUS**2
+    assert mesh.volume == pytest.approx(covered, rel=0.03)
+    around = {"skin", "target", "direction"} | {"log" if "log" in name else "tip mass"}
+    assert set(file.scene.geometry) == {*trunk.muscles, *parts, *around}
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_the_head_turns_about_its_pivot_as_the_motion_does(files, name):
     gltf, plan, trunk = files(name).gltf, files(name).plan, files(name).plan.motion.trunk
-    _, sampler = gltf.animations[0].samplers
+    sampler = gltf.animations[0].samplers[1]
     times, turns = array(gltf, sampler.input), array(gltf, sampler.output)
-    nodes = solid_nodes(gltf)
+    nodes = solid_nodes(gltf, "head")
     assert [node.name for node in nodes] == [part.name for part in trunk.head.body]
     turning = [
         channel.target.node
@@ -281,6 +309,72 @@ def test_the_head_turns_about_its_pivot_as_the_motion_does(files, name):
             np.testing.assert_allclose(distance, 0, rtol=0, atol=2e-6)
 
 
+def test_the_log_is_where_the_motion_has_it_at_every_time(files):
+    gltf, plan = files("lift-log").gltf, files("lift-log").plan
+    (node,), (log,) = solid_nodes(gltf, "log"), logs(plan)
+    times, centers = driven(gltf, node, "translation")
+    assert set(np.append(0.0, plan.motion.times).astype("f4")) <= set(times)
+    exact = [log.center(plan, min(time, plan.motion.times[-1])) for time in times.tolist()]
+    np.testing.assert_allclose(centers, exact, rtol=0, atol=2e-6)
+    (primitive,) = gltf.meshes[node.mesh].primitives
+    points = array(gltf, primitive.attributes.POSITION)
+    assert np.hypot(points[:, 0], points[:, 2]).max() == pytest.approx(log.radius, rel=1e-6)
+    assert np.ptp(points[:, 1]) == pytest.approx(log.length, rel=1e-6)
+
+
+def test_the_tip_carries_its_mass(files):
+    gltf, plan = files("pick-fruit").gltf, files("pick-fruit").plan
+    (node,), mass = solid_nodes(gltf, "tip mass"), tip_mass(plan)
+    _, places = driven(gltf, node, "translation")
+    np.testing.assert_allclose(places[0], mass.place, atol=FLOAT32)
+    tip = np.array([plan.motion.trunk.length])
+    ahead = plan.shape.directors(tip)[-1, 0, 2] * mass.radius
+    np.testing.assert_allclose(places[-1], plan.shape.position(tip)[-1, 0] + ahead, atol=FLOAT32)
+    assert node.scale is None  # it is never gone
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_targets_are_what_the_next_time_step_asks(files, name):
+    gltf, plan = files(name).gltf, files(name).plan
+    balls = {node.extras["Z"]: node for node in solid_nodes(gltf, "target")}
+    arrows = solid_nodes(gltf, "direction")
+    for number, step in enumerate(plan.motion.steps):
+        asked = {mark.Z: mark for mark in marks(plan, number)}
+        for Z, node in balls.items():
+            size = before(*driven(gltf, node, "scale"), step.time)
+            assert np.all(size == (Z in asked and asked[Z].placed))
+            if Z in asked:
+                place = before(*driven(gltf, node, "translation"), step.time)
+                np.testing.assert_allclose(place, asked[Z].target, rtol=0, atol=FLOAT32)
+        wanted = [(mark.Z, direction) for mark in asked.values() for direction in mark.directions]
+        shown = []
+        for node in arrows:
+            if before(*driven(gltf, node, "scale"), step.time).any():
+                turn = before(*driven(gltf, node, "rotation"), step.time)
+                shown.append((node.extras["Z"], Rotation.from_quat(turn).apply((0.0, 0.0, 1.0))))
+        assert [Z for Z, _ in shown] == [Z for Z, _ in wanted]
+        for (_, drawn), (_, direction) in zip(shown, wanted, strict=True):
+            unit = direction / np.linalg.norm(direction)
+            np.testing.assert_allclose(drawn, unit, rtol=0, atol=1e-6)
+
+
+def test_an_obstacle_of_one_phase_has_no_size_in_the_others(tmp_path):
+    post = """
+[[obstacles]]
+name = "post"
+shape = "sphere"
+center = [2.0, 0.0, 0.0]
+radius = 0.1
+phases = ["rise"]
+"""
+    plan = plan_motion(load_motion(written(tmp_path, POINT + post)), lookahead=1)
+    gltf = pygltflib.GLTF2().load(write_glb(plan, tmp_path / "post.glb"))
+    (node,) = solid_nodes(gltf, "obstacles")
+    times, sizes = driven(gltf, node, "scale")
+    np.testing.assert_array_equal(times, [0.0, 1.0])
+    np.testing.assert_array_equal(sizes, [[0, 0, 0], [1, 1, 1]])
+
+
 @pytest.mark.parametrize("name", MOTIONS)
 def test_key_frames_are_at_the_motions_times_and_weights_sum_to_one(files, name):
     file = files(name)
@@ -294,7 +388,7 @@ def test_key_frames_are_at_the_motions_times_and_weights_sum_to_one(files, name)
     np.testing.assert_array_equal(weights[1:].sum(axis=1), 1)
     assert set(np.unique(weights)) <= {0, 1}
     channels = [c for c in file.gltf.animations[0].channels if c.target.path == "weights"]
-    assert sorted(c.target.node for c in channels) == list(range(28))
+    assert sorted(c.target.node for c in channels) == list(range(29))  # muscles and skin
     assert {c.target.path for c in channels} == {"weights"}
 
 
@@ -304,7 +398,7 @@ def test_positions_at_the_steps_are_those_of_the_geometry(files, name):
     trunk = file.plan.motion.trunk
     times, weights = animation(file.gltf)
     at = np.searchsorted(times, file.plan.motion.times.astype("f4"))
-    sections = glb.sections_within(list(trunk.subdomains), len(file.frames.times))
+    sections = glb.sections_within(list(trunk.subdomains), len(file.frames.times), 3)
     for node, muscle in zip(muscle_nodes(file.gltf), trunk.subdomains, strict=True):
         seen = np.einsum("kt,tvx->kvx", weights[at], shapes(file.gltf, node)[1:])
         body = muscle_body(trunk, muscle, file.plan.shape, sections)
@@ -596,7 +690,8 @@ def test_other_trunks_and_motions_are_written(tmp_path, muscles):
     files = every_file(plan, tmp_path / "out")
     assert len(files) == 2 + 2 * 3 + 2
     scene = trimesh.load_scene(tmp_path / "out" / "plan.glb", process=False)
-    names = ["R2-top", "L2-top", "L2-dl"] if muscles else ["arm"]
+    names = ["R2-top", "L2-top", "L2-dl", "skin"] if muscles else ["arm"]
+    names += ["target"]
     assert sorted(scene.geometry) == sorted(names)
     for mesh in scene.geometry.values():
         mesh.merge_vertices(merge_norm=True, merge_tex=True)

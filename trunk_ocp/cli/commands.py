@@ -73,7 +73,15 @@ LAZY_COMMANDS = {
     default=1,
 )
 @click.option("--resume", is_flag=True, help="Continue an unfinished run where it stopped.")
-@click.option("--no-figures", is_flag=True, help="Skip the figures and the interactive page.")
+@click.option(
+    "--figures",
+    type=click.Choice(["none", "main", "all"]),
+    default="main",
+    show_default=True,
+    help="Draw shapes, activations and errors as PNG (main); also muscles and anatomy, and PDF "
+    "files (all); or neither figures nor the interactive page (none).",
+)
+@click.option("--no-figures", is_flag=True, help="The same as --figures none.")
 @click.option("--film", is_flag=True, help="Also make a film; takes half a minute or more.")
 @click.option("--quiet", is_flag=True, help="Print warnings and errors only.")
 @click.option("--json", "as_json", is_flag=True, help="Print only the summary, as JSON.")
@@ -82,6 +90,7 @@ def solve(
     linear_solver: str,
     max_iterations: int,
     starts: int,
+    figures: str,
     no_figures: bool,
     **options: Any,
 ) -> None:
@@ -89,7 +98,7 @@ def solve(
 
     PROBLEM is pick-fruit (the default), lift-log or lift-log-asymmetric, feed-fruit, lift-log-hung,
     fruit-behind-posts or tight-curl, which keep clear of bodies, or a problem file of your own
-    (.toml). Planning takes a few seconds for the shipped motions, the figures about ten more.
+    (.toml). Planning takes a few seconds for the shipped motions, the figures about as long again.
     Results go to DIR/MODE: activations.csv, solution.nc, summary.json and figures, with an
     interactive page in DIR. Ctrl-C stops and saves the best plan so far; press it again to quit
     immediately.
@@ -101,13 +110,15 @@ def solve(
     context = click.get_current_context()
     if lookahead is not None and context.get_parameter_source("mode") != ParameterSource.DEFAULT:
         raise click.UsageError("give --mode or --lookahead, not both.")
+    if no_figures and context.get_parameter_source("figures") != ParameterSource.DEFAULT:
+        raise click.UsageError("give --figures or --no-figures, not both.")
     from ..planning.options import Options
     from .solve import run_solve
 
     run_solve(
         lookahead=lookahead,
         options=Options(linear_solver=linear_solver, max_iterations=max_iterations, starts=starts),
-        figures=not no_figures,
+        figures="none" if no_figures else figures,
         resume_command=resume_command(context.params),
         **options,
     )

@@ -55,13 +55,16 @@ def run_solve(
     out: Path | None,
     options: Options,
     resume: bool,
-    figures: bool,
+    figures: str,
     film: bool,
     quiet: bool,
     as_json: bool,
     resume_command: str,
 ) -> None:
-    """Plan a motion, save and show the plans, and exit with the code of the worst one."""
+    """Plan a motion, save and show the plans, and exit with the code of the worst one.
+
+    `figures` is "none", "main" or "all".
+    """
     console = Console(file=standard_output(), quiet=quiet or as_json, highlight=False)
     interrupts = Interrupts.current or Interrupts()
     interrupts.hint = f"Resume with: {resume_command}"
@@ -84,8 +87,9 @@ def run_solve(
                 checkpoint.remove()
         _show(plans, measures, folder, console)
         with _stop_drawing_on_interrupt(console):
-            if figures and not interrupts.received:
-                _draw(plans, folder, console)
+            if figures != "none" and not interrupts.received:
+                with warn_on_failure("could not draw the figures; the plans are saved"):
+                    _draw(plans, folder, figures == "all", console)
             if film and not interrupts.received:
                 _films(plans, folder, console)
         earlier = aside.settle()
@@ -258,17 +262,21 @@ def _stop_drawing_on_interrupt(console: Console) -> Iterator[None]:
         console.print("Stopped drawing; the plans are saved.")
 
 
-def _draw(plans: list[Plan], folder: Path, console: Console) -> None:
-    """Draw each plan and both together, and write the interactive page."""
-    from .run_figures import draw_run  # imports matplotlib, which is slow
+def _draw(plans: list[Plan], folder: Path, everything: bool, console: Console) -> None:
+    """Draw each plan and both together, write the interactive page, and say what there is."""
+    from .run_figures import draw_run, file_lines  # imports matplotlib, which is slow
 
     with console.status("drawing figures; Ctrl-C skips them"):
         folders = [folder / plan_folder(plan) for plan in plans]
-        page, failures = draw_run(plans, folders, folder)
-    for sentence in failures:
+        drawn = draw_run(plans, folders, folder, everything)
+    for sentence in drawn.failures:
         warn(f"{sentence} The plans are saved.")
-    if page is not None:
-        print_plain(console, f"Interactive page: {page}")
+    for line in file_lines(drawn.files):
+        print_plain(console, line)
+    if drawn.files and not everything:
+        print_plain(console, "--figures all also draws muscles and anatomy, and everything as PDF.")
+    if drawn.page is not None:
+        print_plain(console, f"Interactive page: {drawn.page}")
 
 
 def _films(plans: list[Plan], folder: Path, console: Console) -> None:

@@ -31,6 +31,9 @@ __all__ = [
 ]
 
 PARTS = (draw_muscles, draw_shapes, draw_activations, draw_errors)  # slowest first
+MAIN_PARTS = (draw_shapes, draw_activations, draw_errors)
+MAIN_FORMATS = ("png",)
+"""What `solve-motion` draws by default: enough to judge a plan, in about a second."""
 
 
 def draw(plan: Plan, folder: str | Path, formats: Sequence[str] = FORMATS) -> list[Path]:

@@ -6,20 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..planning.active_bounds import limits, touching
 from ..planning.plan import Plan
-from ..problem.motion import HEAD_LIMIT, Motion
+from ..problem.motion import HEAD_LIMIT
 from ..scene.colors import group_colors, groups
 from ..scene.moments import curve_times, curves, end_of
 from . import style
+from .activation_colors import ACTIVATION, color_bar_beside, strongest
 
 MAX_DOTS = 60  # time steps in a panel that can be distinguished
 MIN_HEAD_RANGE = 2.0  # deg, of an axis, for a head that hardly turns
-HEAD_NAMES = ("head to the\nright, $\\psi_Z$ (°)", "head\nup, $\\psi_Y$ (°)")
+HEAD_NAMES = ("head to the right,\nψ_Z (°)", "head up,\nψ_Y (°)")
+PANEL, HEADS = 25.0, 23.0  # mm, heights of a row of muscles and of the head's angles
+MAX_ROWS = 8  # groups on a page
 
 
 def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[Path]:
@@ -27,42 +32,69 @@ def draw_activations(plan: Plan, folder: Path, formats: Sequence[str]) -> list[P
 
     Rows are muscle groups, columns segments; right solid, left dotted; contraction upward. Gray
     lines are the motion's bounds, dots time steps, squares time steps at a bound: filled at that of
-    contraction, small and empty at the other. Free head angles have no bounds drawn.
+    contraction, small and empty at the other. Free head angles have no bounds drawn. A trunk of
+    many segments is drawn as a map of colors instead, and many groups on several pages.
     """
+    names = groups(plan.motion.trunk)
+    paths: list[Path] = []
     with style.styled():
-        return style.save(activations_figure(plan), folder, "activations", formats)
+        for page in range(0, max(len(names), 1), MAX_ROWS):
+            figure = activations_figure(plan, names[page : page + MAX_ROWS])
+            number = f"-{page // MAX_ROWS + 1}" if page else ""
+            paths += style.save(figure, folder, f"activations{number}", formats)
+    return paths
 
 
-def activations_figure(plan: Plan) -> Figure:
-    """The figure that `draw_activations` writes."""
-    trunk = plan.motion.trunk
-    rows = len(groups(trunk))
-    height = 27.0 * rows + 30 + 24
+@style.self_contained
+def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure:
+    """The figure that `draw_activations` writes, of some muscle groups or all."""
+    motion, names = plan.motion, groups(plan.motion.trunk) if names is None else names
+    mapped = motion.trunk.segments > style.MAX_SEGMENTS
+    heads = HEADS if _head_turns(plan) or not names else 0.0
+    above, below = style.header(motion, rows=0 if mapped else 1) + 6.5, 10.0
+    between = 12.0 if names and heads else 0.0
+    height = above + PANEL * len(names) + between + heads + below
     figure = style.new_figure(height)
-    style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
-    grids = figure.add_gridspec(
-        2, 1, height_ratios=[max(27.0 * rows, 1e-3), 24], hspace=12 / (13.5 * rows + 12),
-        left=0.085, right=0.985, top=1 - 18 / height, bottom=10 / height,
-    )  # fmt: skip
-    if rows:
-        panels = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
-        muscle_panels(figure, panels.subplots(squeeze=False, sharex=True, sharey=True), plan)
-    heads = grids[1].subgridspec(1, 2, wspace=0.22).subplots(squeeze=False)[0]
-    for index, axes in enumerate(heads):
-        _head_panel(axes, plan, index)
-    _legend(figure, plan.motion)
+    times = curve_times(plan)
+    values = curves(plan, times)
+    style.headline(figure, f"{style.title(motion)} ({plan.mode}{style.unsolved_note(plan)})")
+    if names:
+        grid = figure.add_gridspec(
+            len(names), len(style.SIDES) if mapped else motion.trunk.segments, hspace=0.18,
+            wspace=0.12, left=0.085, right=0.9 if mapped else 0.985, top=1 - above / height,
+            bottom=(below + heads + between) / height,
+        )  # fmt: skip
+        panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
+        (map_panels if mapped else muscle_panels)(panels, plan, names, times, values)
+    if heads:
+        grid = figure.add_gridspec(
+            1, 2, wspace=0.22, left=0.085, right=0.985, top=(below + heads) / height,
+            bottom=below / height,
+        )  # fmt: skip
+        angles = np.degrees(values[:, -2:]).T
+        for index, panel in enumerate(grid.subplots(squeeze=False)[0]):
+            _head_panel(panel, plan, index, times, angles[index])
+            if not names:
+                style.number_phases(panel, motion, end_of(plan))
+    shaded = bool(heads) or not mapped or style.numbered(motion)
+    style.legend_below_title(figure, () if mapped else _legend(), motion=motion if shaded else None)
     return figure
 
 
-def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
-    """Fill panels (groups, segments) with a plan's activations, bounds and time steps."""
+def muscle_panels(
+    panels: np.ndarray, plan: Plan, names: Sequence[str], times: np.ndarray, values: np.ndarray
+) -> None:
+    """Fill panels (groups, segments) with a plan's activations, bounds and time steps.
+
+    values (n, muscles + 2) at times (n,) in s.
+    """
     trunk = plan.motion.trunk
-    times = curve_times(plan)
-    values = curves(plan, times)
-    for row, group in enumerate(groups(trunk)):
+    for row, group in enumerate(names):
         for segment in range(trunk.segments):
             axes = panels[row, segment]
-            frame_panel(axes, plan, row, segment, len(panels))
+            frame_panel(axes, plan, group, segment, row == len(names) - 1)
+            if row == 0:
+                style.head_segment(axes, plan.motion, segment, end_of(plan))
             for index, muscle in style.muscles_of(trunk, group, segment):
                 line = style.SIDES[muscle.side][1]
                 color = group_colors(trunk)[group]
@@ -73,14 +105,46 @@ def muscle_panels(figure: Figure, panels: np.ndarray, plan: Plan) -> None:
         panels[0, 0].set_ylim(*activation_range([plan]))  # shared by all panels
 
 
-def frame_panel(axes: Axes, plan: Plan, row: int, segment: int, rows: int) -> None:
-    """Shade the phases of a panel, and label it if it is at the top or at the bottom."""
+def map_panels(
+    panels: np.ndarray, plan: Plan, names: Sequence[str], times: np.ndarray, values: np.ndarray
+) -> None:
+    """Fill panels (groups, sides) with maps of activation: time across, segments down.
+
+    values (n, muscles + 2) at times (n,) in s.
+    """
     trunk = plan.motion.trunk
-    style.note_if_empty(axes, trunk, groups(trunk)[row], segment)
+    scale = Normalize(0.0, strongest(plan))
+    for row, group in enumerate(names):
+        for column, (side, (side_name, _)) in enumerate(style.SIDES.items()):
+            axes = panels[row, column]
+            shown = np.full((trunk.segments, len(times)), np.nan)
+            for index, muscle in enumerate(trunk.subdomains):
+                if (muscle.group, muscle.side) == (group, side):
+                    shown[muscle.segment] = np.abs(values[:, index])
+            axes.pcolormesh(
+                times, np.arange(1, trunk.segments + 1), shown, norm=scale, cmap=ACTIVATION,
+                shading="nearest", rasterized=True, gid=f"{group} {side}",
+            )  # fmt: skip
+            axes.set_facecolor(style.BANDS[1])
+            axes.set_ylim(trunk.segments + 0.5, 0.5)
+            if end_of(plan) > 0:
+                axes.set_xlim(0, end_of(plan))
+            for phase in plan.motion.phases[:-1]:
+                axes.axvline(phase.end, color=style.FAINT, linewidth=0.5)
+            if row == 0:
+                style.number_phases(axes, plan.motion, end_of(plan), named=True)
+                axes.set_title(side_name, pad=style.NUMBERS_PAD)
+            if row == len(names) - 1:
+                axes.set_xlabel("time (s)")
+        panels[row, 0].set_ylabel(f"{group}\nsegment (number)", color=style.INK)
+    color_bar_beside(panels, scale)
+
+
+def frame_panel(axes: Axes, plan: Plan, group: str, segment: int, labeled: bool) -> None:
+    """Shade the phases of a panel; if it is the lowest, label its time."""
+    style.note_if_empty(axes, plan.motion.trunk, group, segment)
     style.shade_phases(axes, plan.motion, end_of(plan))
-    if row == 0:
-        axes.set_title(f"segment {segment + 1}")
-    if row == rows - 1:
+    if labeled:
         axes.set_xlabel("time (s)")
 
 
@@ -112,6 +176,8 @@ def _steps(axes: Axes, plan: Plan, index: int, color: str, start: float) -> None
         (above, 2.2, "white", "at upper bound"),
         (below, 3.8, color, "at lower bound"),
     ):
+        if not touch.any():
+            continue
         axes.plot(
             times[touch], value[touch], "s", markersize=size, markerfacecolor=face,
             markeredgecolor="k" if touch is below else color, markeredgewidth=0.6,
@@ -133,11 +199,14 @@ def draw_bounds(axes: Axes, plan: Plan, index: int, factor: float = 1.0) -> None
             )  # fmt: skip
 
 
-def _head_panel(axes: Axes, plan: Plan, index: int) -> None:
-    times = curve_times(plan)
+def _head_turns(plan: Plan) -> bool:
+    """Whether the head's angles are ever free or not zero."""
+    return any(values[:, -2:].any() for values in (plan.trajectory, *limits(plan)))
+
+
+def _head_panel(axes: Axes, plan: Plan, index: int, times: np.ndarray, degrees: np.ndarray) -> None:
     column = len(plan.motion.trunk.muscles) + index
     style.shade_phases(axes, plan.motion, end_of(plan))
-    degrees = np.degrees(curves(plan, times)[:, column])
     axes.plot(times, degrees, color="k", zorder=3, gid=f"head {index}")
     steps, value = plan.motion.times[: len(plan.x)], np.degrees(plan.x[:, column])
     below, above = (at[:, column] for at in touching(plan))
@@ -162,9 +231,9 @@ def line_keys() -> list[Line2D]:
     ]
 
 
-def _legend(figure: Figure, motion: Motion) -> None:
+def _legend() -> list[Artist]:
     ink = style.INK
-    handles = [
+    return [
         *line_keys(),
         Line2D([], [], color=ink, marker=".", linestyle="", markersize=3, label="time step"),
         Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8,
@@ -172,4 +241,3 @@ def _legend(figure: Figure, motion: Motion) -> None:
         Line2D([], [], color="white", marker="s", linestyle="", markersize=2.2,
                markeredgecolor=ink, markeredgewidth=0.6, label="at the other bound"),
     ]  # fmt: skip
-    style.legend_below_title(figure, handles, style.phase_patches(motion))

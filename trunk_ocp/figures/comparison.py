@@ -35,23 +35,26 @@ def draw_comparison(
         return style.save(comparison_figure(sequential, horizon), folder, "comparison", formats)
 
 
+@style.self_contained
 def comparison_figure(sequential: Plan, horizon: Plan) -> Figure:
     """The figure that `draw_comparison` writes."""
     trunk = horizon.motion.trunk
     rows = len(groups(trunk))
-    height = 25.0 * rows + 38 + 26
+    above = style.header(horizon.motion, rows=2) + 6.5
+    height = above + 25.0 * rows + 45
     figure = style.new_figure(height)
     first, second = (f"{plan.mode}{style.unsolved_note(plan)}" for plan in (sequential, horizon))
     style.headline(figure, f"{style.title(horizon.motion)}: {first} and {second}")
     grids = figure.add_gridspec(
         2, 1, height_ratios=[max(25.0 * rows, 1e-3), 30], hspace=14 / (12.5 * rows + 15),
-        left=0.085, right=0.985, top=1 - 19 / height, bottom=10 / height,
+        left=0.1, right=0.985, top=1 - above / height, bottom=10 / height,
     )  # fmt: skip
     if rows:
-        grid = grids[0].subgridspec(rows, trunk.segments, hspace=0.18, wspace=0.12)
+        columns = len(style.shown_segments(trunk))
+        grid = grids[0].subgridspec(rows, columns, hspace=0.18, wspace=0.12)
         panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
         _activations(panels, (sequential, horizon))
-    below = grids[1].subgridspec(1, 3, wspace=0.42).subplots(squeeze=False)[0]
+    below = grids[1].subgridspec(1, 3, wspace=0.55).subplots(squeeze=False)[0]
     _numbers(list(below), (sequential, horizon))
     _legend(figure, (sequential, horizon))
     return figure
@@ -62,9 +65,11 @@ def _activations(panels: np.ndarray, plans: tuple[Plan, Plan]) -> None:
     trunk = longest.motion.trunk
     drawn = [(plan, times, curves(plan, times)) for plan in plans for times in [curve_times(plan)]]
     for row, group in enumerate(groups(trunk)):
-        for segment in range(trunk.segments):
-            axes: Axes = panels[row, segment]
-            frame_panel(axes, longest, row, segment, len(panels))
+        for column, segment in enumerate(style.shown_segments(trunk)):
+            axes: Axes = panels[row, column]
+            frame_panel(axes, longest, group, segment, row == len(panels) - 1)
+            if row == 0:
+                style.head_segment(axes, longest.motion, segment, end_of(longest))
             for index, muscle in style.muscles_of(trunk, group, segment):
                 for plan, times, values in drawn:
                     horizon = plan is plans[1]
@@ -106,7 +111,7 @@ def _numbers(panels: list[Axes], plans: tuple[Plan, Plan]) -> None:
     panels[0].set_ylim(bottom=0)
     panels[2].set_ylim(-0.1, max(panels[2].get_ylim()[1], 1.1))
     panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
-    panels[0].set_ylabel("$J_T$ of eq. (42) (no unit)")
+    panels[0].set_ylabel("J_T of eq. (42) (no unit)")
     panels[1].set_ylabel("largest change between\nsteps (no unit)")
     panels[2].set_ylabel("muscles at their bound\nof contraction (count)")
 
@@ -115,7 +120,7 @@ def _legend(figure: Figure, plans: tuple[Plan, Plan]) -> None:
     handles: list[Artist] = []
     for plan, color in zip(plans, (SEQUENTIAL, HORIZON), strict=True):
         cost = f"{plan.objective.paper:.3g}" if len(plan.x) else "none"
-        at_bound = f"{time_at_bounds(plan):.2g} muscle-seconds at the bound of contraction"
+        at_bound = f"{time_at_bounds(plan):.2g} muscle-seconds at the bound"
         label = f"{plan.mode}: J = {cost}, {at_bound}"
         handles.append(Line2D([], [], color=color, marker="o", markersize=2.5, label=label))
-    style.legend_below_title(figure, handles, [*line_keys(), *style.phase_patches(plans[1].motion)])
+    style.legend_below_title(figure, handles, line_keys(), motion=plans[1].motion)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
 from ..planning.plan import Plan
 from ..scene.moments import end_of
@@ -43,14 +44,16 @@ def error_series(plan: Plan, kind: str) -> dict[float, tuple[np.ndarray, np.ndar
     return {Z: (np.array([*at]), np.array([*at.values()])) for Z, at in sorted(series.items())}
 
 
+@style.self_contained
 def errors_figure(plan: Plan) -> Figure:
     """The figure that `draw_errors` writes."""
-    height = 62.0
+    above = style.header(plan.motion, rows=0) + 4.5
+    height = above + 48.0
     figure = style.new_figure(height)
     style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
-    style.legend_below_title(figure, style.phase_patches(plan.motion))
+    style.legend_below_title(figure, motion=plan.motion)
     grid = figure.add_gridspec(
-        1, 2, left=0.075, right=0.88, top=1 - 14 / height, bottom=10 / height, wspace=0.62
+        1, 2, left=0.09, right=0.88, top=1 - above / height, bottom=10 / height, wspace=0.65
     )
     position, direction = plan.motion.tolerance
     left, right = grid.subplots(squeeze=False)[0]
@@ -63,7 +66,10 @@ def errors_figure(plan: Plan) -> Figure:
 
 def _panel(axes: Axes, plan: Plan, kind: str, factor: float, tolerance: float) -> None:
     style.shade_phases(axes, plan.motion, end_of(plan))
+    style.number_phases(axes, plan.motion, end_of(plan))
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("time (s)")
     series = error_series(plan, kind)
     if not series:  # a log axis cannot find a range from the line of the tolerance alone

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,30 +16,26 @@ from matplotlib.colors import Normalize
 from matplotlib.transforms import Bbox
 
 from .._support.atomic_files import replacing
-from ..errors import InputError
+from ..errors import InputError, TrunkError
 from ..planning.plan import Plan
 from ..problem.interpolation import with_marks
-from ..scene.body import core_body, core_radius, muscle_body
+from ..scene.body import core_body, core_radius
+from ..scene.colors import WOOD
 from ..scene.moments import Moment, end_of, moments_at, phase_at
+from ..scene.surfaces import coarse_body
 from ..scene.surroundings import logs, tip_mass
 from . import style
-from .muscles import (
-    DARKEST,
-    MARGIN,
-    SECTIONS,
-    VIEWS,
-    activation_color,
-    color_bar,
-    strongest,
-)
+from .activation_colors import activation_color, color_bar, strongest
+from .bodies import joined_with_head, mass_surfaces, solid_surfaces
+from .muscles import DARKEST, MARGIN, VIEWS, sections_of
 from .projection import Surface, View, cylinder, extent, facets_of, frame, measure, paint
-from .shapes import WOOD, mass_surfaces, solid_surfaces
 
 FRAME_RATE = 15  # per second of film
 SLOWDOWN = 2  # a film takes twice as long as the motion, which takes two to four seconds
 MAX_FRAMES = 150
 SIZE = 150.0, 95.0  # mm
 DPI = 130
+STREAMABLE = ["-movflags", "+faststart"]  # browsers play it while they load it
 CORE = "#CFC6BD"  # as on the page
 
 Progress = Callable[[int, int], Any]
@@ -54,7 +50,7 @@ def frame_times(plan: Plan) -> np.ndarray:
 
 
 def write_film(plan: Plan, folder: str | Path, progress: Progress | None = None) -> list[Path]:
-    """Write `film.gif` and, where the program ffmpeg is installed, `film.mp4`.
+    """Write `film.mp4` where the program ffmpeg is installed, and `film.gif` where it is not.
 
     Muscles are colored by |activation|; seen from both sides, at half the speed.
 
@@ -67,30 +63,34 @@ def write_film(plan: Plan, folder: str | Path, progress: Progress | None = None)
     ------
     InputError
         If the plan has no time steps, or a film cannot be written there.
+    TrunkError
+        If ffmpeg fails.
     """
-    folder = Path(folder)
     if not len(plan.x):
         raise InputError(f"{plan.motion.name}: the plan has no time steps, so there is no film.")
     moments = moments_at(plan, frame_times(plan))
     rate = max(1, round((len(moments) - 1) / (SLOWDOWN * end_of(plan))))
-    writers: list[tuple[AbstractMovieWriter, Path]] = [
-        (PillowWriter(fps=rate), folder / "film.gif")
-    ]
-    if shutil.which("ffmpeg"):
-        writers.append((FFMpegWriter(fps=rate, bitrate=2500), folder / "film.mp4"))
-    with contextlib.ExitStack() as files, style.styled():
+    with_ffmpeg = bool(shutil.which("ffmpeg"))
+    path = Path(folder) / ("film.mp4" if with_ffmpeg else "film.gif")
+    with replacing(path) as unfinished, style.styled():
         stage = Stage(plan, moments)
-        for writer, path in writers:
-            writer.setup(stage.figure, str(files.enter_context(replacing(path))), DPI)
-        for number, moment in enumerate(moments, 1):
-            stage.show(moment)
-            for writer, _ in writers:
+        writer: AbstractMovieWriter = PillowWriter(fps=rate)
+        if with_ffmpeg:
+            writer = FFMpegWriter(fps=rate, bitrate=2500, extra_args=STREAMABLE)
+        try:
+            writer.setup(stage.figure, str(unfinished), DPI)
+            for number, moment in enumerate(moments, 1):
+                stage.show(moment)
                 writer.grab_frame()
-            if progress is not None:
-                progress(number, len(moments))
-        for writer, _ in writers:
+                if progress is not None:
+                    progress(number, len(moments))
             writer.finish()
-    return [path for _, path in writers]
+        except (subprocess.CalledProcessError, BrokenPipeError) as error:
+            raise TrunkError(
+                f"{path}: the program ffmpeg failed ({error}). Where ffmpeg is not on the path, "
+                "the film is a GIF."
+            ) from None
+    return [path]
 
 
 class Stage:
@@ -102,6 +102,7 @@ class Stage:
         self.scale = Normalize(0.0, strongest(plan))
         self.logs, self.mass = logs(plan), tip_mass(plan)
         self.boxes = {side: self._box(view, moments) for side, view in VIEWS.items()}
+        self.panels: dict[str, Axes] = {}
 
     def _box(self, view: View, moments: list[Moment]) -> Bbox:
         trunk = self.plan.motion.trunk
@@ -114,39 +115,52 @@ class Stage:
         return Bbox.union(boxes)
 
     def show(self, moment: Moment) -> None:
-        """Draw a moment."""
-        self.figure.clear()
+        """Draw a moment; what does not move stays from the moment before."""
+        for side, view in VIEWS.items():
+            if side not in self.panels:
+                self.panels[side] = self._empty_panel(side, view)
+            for drawn in list(self.panels[side].collections):
+                drawn.remove()
         motion, note = style.title(self.plan.motion), style.unsolved_note(self.plan)
         phase = self.plan.motion.phases[phase_at(self.plan.motion, moment.time, moment.after)]
         after = " (just after)" if moment.after else ""
         name = style.escaped(style.shortened(phase.name, 30))
         style.headline(self.figure, f"{motion}{note}: {name}, t = {moment.time:.2f} s{after}")
-        for place, (side, view) in enumerate(VIEWS.items()):
-            axes = self.figure.add_axes((0.01 + 0.5 * place, 0.14, 0.48, 0.76))
-            self.panel(axes, view, moment)
-            frame(axes, view, self.boxes[side])
-            axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
-            if place == 0:
-                measure(axes, self.boxes[side])
-        color_bar(self.figure, self.scale)
+        surfaces = self.surfaces(moment)
+        for side, view in VIEWS.items():
+            paint(self.panels[side], view, surfaces, darkest=DARKEST)
+
+    def _empty_panel(self, side: str, view: View) -> Axes:
+        first = not self.panels
+        axes = self.figure.add_axes((0.01 if first else 0.51, 0.17, 0.48, 0.7))
+        frame(axes, view, self.boxes[side])
+        axes.set_title(f"from the {style.SIDES[side][0]}", color=style.FAINT, fontsize=7)
+        if first:
+            measure(axes, self.boxes[side])
+            color_bar(self.figure, self.scale)
+        return axes
 
     def panel(self, axes: Axes, view: View, moment: Moment) -> None:
         """Draw head, muscles, the tissue inside them, and objects at a moment in one view."""
+        paint(axes, view, self.surfaces(moment), darkest=DARKEST)
+
+    def surfaces(self, moment: Moment) -> list[Surface]:
+        """Muscles and the tissue inside them, head, obstacles, and objects at a moment."""
         trunk = self.plan.motion.trunk
-        bodies = [muscle_body(trunk, muscle, moment.shape, SECTIONS) for muscle in trunk.subdomains]
+        sections = sections_of(trunk)
+        bodies = [coarse_body(trunk, part, moment.shape, sections) for part in trunk.subdomains]
         colors = [activation_color(self.scale, value) for value in moment.activation]
         surfaces = [
-            Surface(facets_of(body, SECTIONS), color)
+            Surface(facets_of(body, sections), color)
             for body, color in zip(bodies, colors, strict=True)
         ]
         cores = [
-            core_body(trunk, segment, moment.shape, SECTIONS)
+            core_body(trunk, segment, moment.shape, sections)
             for segment in range(trunk.segments)
             if core_radius(trunk, segment) > 0
         ]
-        surfaces += [Surface(facets_of(core, SECTIONS), CORE) for core in cores]
-        surfaces += self.objects(moment) + solid_surfaces(self.plan, moment)
-        paint(axes, view, surfaces, darkest=DARKEST)
+        surfaces += [Surface(facets_of(core, sections), CORE) for core in cores]
+        return joined_with_head(self.plan, moment, surfaces) + self.objects(moment)
 
     def objects(self, moment: Moment) -> list[Surface]:
         """Logs and the tip mass at a moment."""

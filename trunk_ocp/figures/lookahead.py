@@ -58,13 +58,14 @@ def draw_front(
 
 def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
-    height = 112.0
+    above = style.header(result.motion, rows=2) + 4.0
+    height = above + 94.0
     figure = style.new_figure(height)
     title = f"{style.title(result.motion)}: benefit of lookahead"
     style.headline(figure, f"{title} ({_limits(result.limits)})")
     panels = figure.subplots(2, 3)
     figure.subplots_adjust(
-        left=0.09, right=0.985, top=1 - 18 / height, bottom=10 / height, wspace=0.42, hspace=0.32
+        left=0.09, right=0.985, top=1 - above / height, bottom=10 / height, wspace=0.42, hspace=0.32
     )
     for axes, (name, label) in zip(panels[0], CURVES, strict=True):
         _against_lookahead(axes, result, name)
@@ -72,7 +73,7 @@ def lookahead_figure(result: Foresight) -> Figure:
     methods = _methods(result)
     _over_time(list(panels[1]), list(methods.values()))
     lines = [Line2D([], [], color=color, label=name) for name, (_, color) in methods.items()]
-    style.legend_below_title(figure, lines, [*_mark_keys(), *style.phase_patches(result.motion)])
+    style.legend_below_title(figure, lines, _mark_keys(), motion=result.motion)
     return figure
 
 
@@ -123,7 +124,7 @@ def _marks(axes: Axes, points: Iterable[tuple[int, float, str]], color: Any = st
 
 def _over_time(panels: list[Axes], plans: Sequence[tuple[Plan, str]]) -> None:
     labels = (
-        "$J_T$ of eq. (42) (no unit)",
+        "J_T of eq. (42) (no unit)",
         "fastest change of an\nactivation (1/s)",
         "muscles at their bound\nof contraction (count)",
     )

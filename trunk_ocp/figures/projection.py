@@ -6,8 +6,9 @@ that a PDF has only vectors. +Z points down in the model and on paper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,8 +53,24 @@ _X, _Y, _Z = np.eye(3)
 SIDE = View("side", _X, _Z, _Y, ("X, forward (m)", "Z, down (m)"))
 FRONT = View("front", _Y, _Z, _X, ("Y, to the right (m)", "Z, down (m)"), mirrored=True)
 ABOVE = View("above", _X, _Y, -_Z, None)
-QUARTER = toward("three-quarter", (0.9, 0.8, -0.4))
-VIEWS = (SIDE, FRONT, QUARTER)
+AZIMUTHS = (41.6, 30.0, 55.0, -41.6, -30.0, -55.0)  # deg, from the front to the right
+ABOVE_LEVEL = 0.33  # of the direction of three-quarter views that is upward
+
+
+def three_quarter(lines: np.ndarray) -> View:
+    """Three-quarter view of centerlines (n, points, 3), in m, that shows most of their bends.
+
+    From the right or the left: of `AZIMUTHS` the one in which lines cover the largest area, so
+    that the plane in which the trunk bends is not seen edge-on.
+    """
+    views = [
+        toward("three-quarter", (np.cos(angle), np.sin(angle), -ABOVE_LEVEL))
+        for angle in np.radians(AZIMUTHS)
+    ]
+    centered = lines - lines.mean(axis=1, keepdims=True)
+    areas = [np.linalg.svd(v.flat(centered), compute_uv=False).prod(axis=-1).sum() for v in views]
+    best = max(areas)
+    return next(v for v, area in zip(views, areas, strict=True) if area >= 0.98 * best)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +98,11 @@ def paint(
     light = LIGHT[0] * left * view.across + LIGHT[1] * view.down + LIGHT[2] * view.out
     bright = darkest + (1 - darkest) * np.clip(normal @ (light / np.linalg.norm(light)), 0, 1)
     drawn = (rgb * bright[:, None])[order]
+    outlines: Any = view.flat(facets)[order]  # an array is what is fast
     axes.add_collection(
         # Edges in the facet's own color hide the hairlines between neighbors.
         PolyCollection(
-            list(view.flat(facets)[order]),
+            outlines,
             facecolors=drawn,
             edgecolors=drawn,
             linewidths=0.25,
@@ -92,6 +110,51 @@ def paint(
         ),
         autolim=False,
     )
+
+
+def outside(
+    facets: np.ndarray, distance: Callable[[np.ndarray], np.ndarray], halvings: int = 1
+) -> np.ndarray:
+    """Facets (k, 4, 3) without what is inside a body, cut along its surface.
+
+    Sorted by depth, large facets of two bodies that meet would cover each other in teeth.
+
+    Parameters
+    ----------
+    distance : callable
+        Signed distance (...,) in m of points (..., 3) from the body, negative inside.
+    """
+    gaps = distance(facets)
+    if (gaps >= 0).all():
+        return facets
+    cut = (gaps < 0).any(axis=1) & (gaps > 0).any(axis=1)
+    whole = facets[(gaps >= 0).all(axis=1)]
+    if not halvings:
+        return np.concatenate([whole, _trimmed(facets[cut], gaps[cut])])
+    return np.concatenate([whole, outside(_quartered(facets[cut]), distance, halvings - 1)])
+
+
+def _trimmed(facets: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+    """Facets (k, 4, 3) whose corners with gaps < 0 move along an edge to where the gap is 0."""
+    inside = gaps < 0
+    moved, left = facets.copy(), inside.copy()
+    for way in (1, -1):
+        beside, beyond = np.roll(facets, way, axis=1), np.roll(gaps, way, axis=1)
+        here = left & (beyond > 0)
+        share = gaps[here] / (gaps[here] - beyond[here])
+        moved[here] += share[:, None] * (beside[here] - facets[here])
+        left &= ~here
+    across = (np.roll(moved, 1, axis=1) + np.roll(moved, -1, axis=1)) / 2
+    moved[left] = across[left]  # opposite to the only corner outside
+    return moved
+
+
+def _quartered(facets: np.ndarray) -> np.ndarray:
+    """Facets (4 k, 4, 3): each split at the middles of its edges."""
+    middles = (facets + np.roll(facets, -1, axis=1)) / 2
+    center = np.broadcast_to(facets.mean(axis=1, keepdims=True), facets.shape)
+    quarters = np.stack([facets, middles, center, np.roll(middles, 1, axis=1)], axis=2)
+    return quarters.reshape(-1, 4, 3)
 
 
 def tube(rings: np.ndarray) -> np.ndarray:
@@ -144,6 +207,16 @@ def ball(center: np.ndarray, radius: float) -> np.ndarray:
     return tube(np.asarray(center) + radius * rings)
 
 
+def silhouette(view: View, line: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Quadrilaterals (n - 1, 4, 2) on paper that a round body about a line (n, 3) m covers."""
+    flat = view.flat(line)
+    along = np.gradient(flat, axis=0)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    across = radii[:, None] * along[:, ::-1] * (1.0, -1.0)
+    one, other = flat + across, flat - across
+    return np.stack([one[:-1], one[1:], other[1:], other[:-1]], axis=1)
+
+
 def extent(view: View, points: np.ndarray, margin: float) -> Bbox:
     """Box on paper around points (n, 3), with a margin in m."""
     flat = view.flat(points[np.isfinite(points).all(axis=1)])
@@ -158,7 +231,7 @@ def frame(axes: Axes, view: View, box: Bbox) -> None:
     axes.set_ylim(box.y1, box.y0)
     size, inch = axes.get_window_extent(), axes.figure.dpi
     for axis, room in ((axes.xaxis, size.width / inch), (axes.yaxis, size.height / inch)):
-        count = int(np.clip(3 * room, 1, 5))  # a label takes a third of an inch
+        count = int(np.clip(3.6 * room, 1, 5))  # labels take less than a third of an inch
         axis.set_major_locator(MaxNLocator(count, steps=[1, 2, 4, 5, 10], min_n_ticks=1))
     if view.labels is not None:
         axes.set_xlabel(view.labels[0])

@@ -34,34 +34,36 @@ def draw_redundancy(
         return style.save(redundancy_figure(redundancy), folder, "redundancy", formats)
 
 
+@style.self_contained
 def redundancy_figure(redundancy: Redundancy) -> Figure:
     """The figure that `draw_redundancy` writes."""
     plan = redundancy.plan
     trunk = plan.motion.trunk
     kinds = list(dict.fromkeys((muscle.group, muscle.side) for muscle in trunk.subdomains))
     kinds.sort(key=lambda kind: groups(trunk).index(kind[0]))
-    height = ROW_HEIGHT * len(kinds) + 30
+    above = style.header(plan.motion, rows=1) + 6.5
+    height = ROW_HEIGHT * len(kinds) + above + 12
     figure = style.new_figure(height)
     style.headline(
         figure, f"{style.title(plan.motion)} ({plan.mode}): what each muscle could do instead"
     )
+    shown = style.shown_segments(trunk)
     panels = figure.subplots(
-        max(len(kinds), 1), trunk.segments, squeeze=False, sharex=True, sharey=True,
+        max(len(kinds), 1), len(shown), squeeze=False, sharex=True, sharey=True,
         gridspec_kw={"hspace": 0.16, "wspace": 0.07, "left": 0.09, "right": 0.985,
-                     "top": 1 - 18 / height, "bottom": 9 / height},
+                     "top": 1 - above / height, "bottom": 9 / height},
     )  # fmt: skip
     for row, (group, side) in enumerate(kinds):
         panels[row, 0].set_ylabel(f"{group} {style.SIDES[side][0]}", color=style.INK)
-        for segment in range(trunk.segments):
-            axes = panels[row, segment]
+        for axes, segment in zip(panels[row], shown, strict=True):
             style.shade_phases(axes, plan.motion, end_of(plan))
             style.note_if_empty(axes, trunk, group, segment)
             for index, muscle in style.muscles_of(trunk, group, segment):
                 if muscle.side == side:
                     _panel(axes, redundancy, index, group_colors(trunk)[group])
-    for segment, axes in enumerate(panels[0]):
-        axes.set_title(f"segment {segment + 1}")
-        panels[-1, segment].set_xlabel("time (s)")
+    for axes, lowest, segment in zip(panels[0], panels[-1], shown, strict=True):
+        style.head_segment(axes, plan.motion, segment, end_of(plan))
+        lowest.set_xlabel("time (s)")
     values = np.concatenate([redundancy.freedom.alone.ravel(), plan.activations.ravel(), [0.0]])
     margin = 0.06 * (np.ptp(values) or 1.0)
     panels[0, 0].set_ylim(values.max() + margin, values.min() - margin)  # contraction upward
@@ -99,4 +101,4 @@ def _legend(figure: Figure, plan: Plan) -> None:
         Line2D([], [], color=ink, marker=".", markersize=2.5, label="plan"),
         Line2D([], [], color="k", linewidth=0.7, linestyle=(0, (2, 1.5)), label="least effort"),
     ]
-    style.legend_below_title(figure, handles, style.phase_patches(plan.motion))
+    style.legend_below_title(figure, handles, motion=plan.motion)

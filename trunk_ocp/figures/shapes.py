@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -14,39 +16,44 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.transforms import Bbox
+from scipy.interpolate import make_interp_spline
 
 from .._support.wording import rounded
 from ..planning.plan import Plan
 from ..scene.body import frames, round_body
-from ..scene.colors import HEAD, MASS, OBSTACLE
+from ..scene.colors import HEAD, MASS, OBSTACLE, TARGET, WOOD
 from ..scene.moments import Moment, moments_at, times_of_phase
-from ..scene.solid_meshes import color_of, head_and_obstacles
 from ..scene.surroundings import Log, Mark, TipMass, logs, marks, tip_mass
 from . import style
+from .bodies import joined_with_head, mass_surfaces, solid_surfaces
 from .projection import (
     FACETS,
-    VIEWS,
+    FRONT,
+    SIDE,
     Surface,
     View,
-    ball,
     cylinder,
     extent,
     facets_of,
     frame,
     measure,
     paint,
+    three_quarter,
 )
 
 EARLY_TO_LATE = LinearSegmentedColormap.from_list("time", ["#E3E6EA", "#5B6670"])
-WOOD = "#B08D57"
 LOG_PATH = "#5A3E12"
-TARGET = "#CC0055"
 SECTIONS = 36
-HEADER = 10.0  # mm, for title and legend
+HEADER = 6.0  # mm, for the title
+LEGEND_ENTRIES = 6  # in a row
 ARROW = 0.1  # of the trunk's length
+FORESHORTENED = 0.3  # of its length, below which an arrow is a symbol
+CAPTION = 118  # letters in a line
+MARGIN = 0.035  # of the trunk's length, around all that is drawn
 MAX_HEIGHT = 225.0  # mm, of all rows together: a page
 MAX_ROWS = 5  # on a page; if there are more phases, several share a row
-MAX_TIPS = 121  # points of the tip's path through a phase
+MAX_TIPS = 61  # computed points of the tip's path through a phase
+SMOOTH = 60  # points of the curve through them
 MAX_TRUNKS = 6  # in a row
 MAX_LENGTH = 105.0  # mm on paper for the trunk's length, even where it moves little
 
@@ -94,11 +101,22 @@ def row_of(plan: Plan, number: int) -> Row:
     trunks = moments_at(plan, times_of_phase(plan, number), number)
     cylinders = logs(plan)
     log_paths = [log.centers[steps[0] : steps[-1] + 2] for log in cylinders]  # row 0 is the start
-    tip = np.array([plan.motion.trunk.length])
-    count = min(max(13, 3 * len(steps) + 1), MAX_TIPS)  # enough that the path looks smooth
-    between = moments_at(plan, times_of_phase(plan, number, count), number)
-    tips = np.array([moment.shape.position(tip)[0, 0] for moment in between]).reshape(-1, 3)
+    tips = _tip_path(plan, number, len(steps))
     return Row(number, trunks, cylinders, log_paths, tip_mass(plan), marks(plan, steps[-1]), tips)
+
+
+def _tip_path(plan: Plan, number: int, steps: int) -> np.ndarray:
+    """Path (n, 3) in m of the tip through a phase: a curve through some computed points."""
+    tip = np.array([plan.motion.trunk.length])
+    count = min(max(9, 2 * steps + 1), MAX_TIPS)
+    moments = moments_at(plan, times_of_phase(plan, number, count), number)
+    tips = np.array([moment.shape.position(tip)[0, 0] for moment in moments]).reshape(-1, 3)
+    if len(tips) < 3 or plan.motion.phases[number].interpolation == "none":
+        return tips
+    times = np.array([moment.time for moment in moments])
+    fine = np.unique([*times, *np.linspace(times[0], times[-1], SMOOTH)])
+    smooth: np.ndarray = make_interp_spline(times, tips, k=min(3, len(tips) - 1))(fine)
+    return smooth
 
 
 def merged(rows: list[Row]) -> list[Row]:
@@ -126,9 +144,11 @@ def _one_row(rows: list[Row]) -> Row:
     )
 
 
+@style.self_contained
 def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     """The figure that `draw_shapes` writes."""
-    boxes = [_boxes(plan, rows, row) for row in rows]
+    views = (SIDE, FRONT, three_quarter(_centerlines(plan, rows)))
+    boxes = _boxes(plan, rows, views)
     left, between, above, below, right = 13.5, 14.0, 12.0, 8.0, 2.0  # mm
     usable = style.WIDTH - left - 2 * between - right
     tall = [max(box.height for box in of_row) for of_row in boxes]
@@ -136,42 +156,60 @@ def shapes_figure(plan: Plan, rows: list[Row]) -> Figure:
     largest = MAX_LENGTH / plan.motion.trunk.length
     scale = min(usable / sum(box.width for box in boxes[0]), room / sum(tall), largest)
     spare = (usable - scale * sum(box.width for box in boxes[0])) / 2
-    height = scale * sum(tall) + len(rows) * (above + below) + HEADER
+    legend = _legend(plan, rows)
+    header = HEADER + style.ROW * len(legend)
+    height = scale * sum(tall) + len(rows) * (above + below) + header
     figure = style.new_figure(height)
     style.headline(figure, f"{style.title(plan.motion)} ({plan.mode}{style.unsolved_note(plan)})")
-    _legend(figure, plan, rows[0])
-    top = height - HEADER
+    style.legend_below_title(figure, *legend)
+    top = height - header
     for row, of_row, size in zip(rows, boxes, tall, strict=True):
         top -= above
         x = left
-        figure.text(x / style.WIDTH, (top + 5) / height, _caption(plan, row), fontsize=7)
-        for view, box in zip(VIEWS, of_row, strict=True):
+        figure.text(
+            x / style.WIDTH, (top + 4) / height, _caption(plan, row), fontsize=7, va="bottom",
+            gid="caption",
+        )  # fmt: skip
+        layers = [layer(plan, row, index) for index in range(len(row.trunks))]
+        for view, box in zip(views, of_row, strict=True):
             wide, high = box.width * scale, box.height * scale
             place = (x / style.WIDTH, (top - high) / height, wide / style.WIDTH, high / height)
-            _panel(figure.add_axes(place), plan, row, view, box)
+            axes = figure.add_axes(place)
+            for index, surfaces in enumerate(layers):
+                # Later shapes cover earlier ones: sorted by depth, similar shapes would mix.
+                paint(axes, view, surfaces, zorder=2 + index / len(layers))
+            _panel(axes, plan, row, view, box)
             x += wide + between + spare
         top -= scale * size + below
     return figure
 
 
-def _boxes(plan: Plan, rows: list[Row], row: Row) -> list[Bbox]:
-    """What each view of a row shows: as wide as all rows need, as high as this one does."""
-    boxes = []
-    for view in VIEWS:
-        of_rows = extent(view, np.concatenate([_contents(plan, other, view) for other in rows]), 0)
-        of_row = extent(view, _contents(plan, row, view), 0)
-        margin = 0.035 * plan.motion.trunk.length
-        boxes.append(
-            Bbox([[of_rows.x0 - margin, of_row.y0 - margin],
-                  [of_rows.x1 + margin, of_row.y1 + margin]])
-        )  # fmt: skip
-    return boxes
+def _centerlines(plan: Plan, rows: list[Row]) -> np.ndarray:
+    """Centerlines (n, points, 3) in m of all trunks that are drawn."""
+    Z = np.linspace(0, plan.motion.trunk.length, 25)
+    return np.concatenate([moment.shape.position(Z) for row in rows for moment in row.trunks])
 
 
-def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
-    """Points (n, 3) in m that a row's panels have room for: bodies, mass, solids and targets."""
+def _boxes(plan: Plan, rows: list[Row], views: Sequence[View]) -> list[list[Bbox]]:
+    """What each view of each row shows: as wide as all rows need, as high as this one does."""
+    contents = [_contents(plan, row) for row in rows]
+    margin = MARGIN * plan.motion.trunk.length
+    boxes = [[extent(view, points, margin) for view in views] for points in contents]
+    together = [Bbox.union(of_view) for of_view in zip(*boxes, strict=True)]
+    return [
+        [
+            Bbox([[wide.x0, box.y0], [wide.x1, box.y1]])
+            for wide, box in zip(together, of_row, strict=True)
+        ]
+        for of_row in boxes
+    ]
+
+
+def _contents(plan: Plan, row: Row) -> np.ndarray:
+    """Points (n, 3) in m that a row's panels have room for: all that is drawn in them."""
     trunk = plan.motion.trunk
-    points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks] + [np.zeros((1, 3))]
+    points = [_body(plan, moment).reshape(-1, 3) for moment in row.trunks]
+    points += [np.zeros((1, 3)), row.tips]
     for moment in row.trunks:
         hung = mass_surfaces(plan, row.mass, moment)
         points += [surface.facets.reshape(-1, 3) for surface in hung]
@@ -186,9 +224,6 @@ def _contents(plan: Plan, row: Row, view: View) -> np.ndarray:
 
 
 def _panel(axes: Axes, plan: Plan, row: Row, view: View, box: Bbox) -> None:
-    for index in range(len(row.trunks)):
-        # Later shapes cover earlier ones: sorted by depth, shapes that nearly coincide would mix.
-        paint(axes, view, layer(plan, row, index), zorder=2 + index / len(row.trunks))
     _paths(axes, view, row)
     for mark in row.marks:
         _mark(axes, view, mark, ARROW * plan.motion.trunk.length)
@@ -204,31 +239,15 @@ def layer(plan: Plan, row: Row, index: int) -> list[Surface]:
     Logs are there at the start and the end of the row; head and obstacles at the end only.
     """
     moment, ends = row.trunks[index], {0: 0, len(row.trunks) - 1: -1}
-    surfaces = [Surface(_body(plan, moment), _shade(index, len(row.trunks)))]
+    body = Surface(_body(plan, moment), _shade(index, len(row.trunks)))
+    last = index == len(row.trunks) - 1
+    surfaces = joined_with_head(plan, moment, [body]) if last else [body]
     if index in ends:
         surfaces += [
             Surface(cylinder(path[ends[index]], log.radius, log.length), WOOD)
             for log, path in zip(row.logs, row.log_paths, strict=True)
         ]
-    if index == len(row.trunks) - 1:
-        surfaces += solid_surfaces(plan, moment)
     return surfaces + mass_surfaces(plan, row.mass, moment)
-
-
-def solid_surfaces(plan: Plan, moment: Moment, bounded: bool = False) -> list[Surface]:
-    """Head and obstacles at a moment; if `bounded`, without half-spaces, which have no end."""
-    solids = head_and_obstacles(plan, moment.time, moment.head, moment.after)
-    return [
-        Surface(surface.points[surface.facets], color_of(solid))
-        for solid, surface in solids
-        if not (bounded and solid.shape == "half-space")
-    ]
-
-
-def mass_surfaces(plan: Plan, mass: TipMass | None, moment: Moment) -> list[Surface]:
-    """The tip mass at a moment, if it is there."""
-    center = mass.center(plan, moment) if mass else None
-    return [] if mass is None or center is None else [Surface(ball(center, mass.radius), MASS)]
 
 
 def _shade(index: int, count: int) -> tuple[float, float, float]:
@@ -263,34 +282,72 @@ def _mark(axes: Axes, view: View, mark: Mark, arrow: float) -> None:
             *target, marker="o", markersize=3.2, markerfacecolor="white", markeredgecolor=TARGET,
             markeredgewidth=0.8, zorder=6.5, gid="target",
         )  # fmt: skip
+    elif mark.directions:
+        axes.plot(*target, marker="D", markersize=2.2, color=TARGET, zorder=6.5, gid="pointed at")
     for direction in mark.directions:
-        tip = view.flat(mark.target + arrow * direction)
-        axes.annotate(
-            "", tuple(tip), tuple(target),
-            arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 0.7,
-                        "mutation_scale": 5, "shrinkA": 1.5, "shrinkB": 0},
-            zorder=6, gid="direction",
+        _direction(axes, view, mark.target, arrow * direction)
+
+
+def _direction(axes: Axes, view: View, start: np.ndarray, arrow: np.ndarray) -> None:
+    """Draw an arrow (3,) in m from a point (3,); toward the reader a dot, away a cross, in a ring.
+
+    These are the symbols of physics for what points out of the paper and into it.
+    """
+    foot, tip = view.flat(start), view.flat(start + arrow)
+    if np.linalg.norm(tip - foot) < FORESHORTENED * np.linalg.norm(arrow):
+        style_of: dict[str, Any] = {"color": TARGET, "linestyle": "", "zorder": 6.4}
+        axes.plot(
+            *foot, marker="o", markersize=6.5, markerfacecolor="none", markeredgewidth=0.7,
+            gid="direction", **style_of,
         )  # fmt: skip
+        toward = arrow @ view.out > 0
+        axes.plot(
+            *foot, marker="." if toward else "x", markersize=2.5 if toward else 4.4,
+            markeredgewidth=0.6, **style_of,
+        )  # fmt: skip
+        return
+    axes.annotate(
+        "", tuple(tip), tuple(foot),
+        arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 0.7,
+                    "mutation_scale": 5, "shrinkA": 1.5, "shrinkB": 0},
+        zorder=6, gid="direction",
+    )  # fmt: skip
 
 
-def _legend(figure: Figure, plan: Plan, row: Row) -> None:
-    entries: list[Artist] = [
-        Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
-               linewidth=1.2, label="target (line: error; arrow: direction)"),
-        Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip"),
-    ]  # fmt: skip
+def _legend(plan: Plan, rows: list[Row]) -> list[list[Artist]]:
+    """Rows of the legend: an entry for each kind of thing that is drawn."""
+    entries: list[Artist] = [Patch(color=EARLY_TO_LATE(0.7), label="trunk (later: darker)")]
+    marks_drawn = [mark for row in rows for mark in row.marks]
+    if any(mark.placed for mark in marks_drawn):
+        entries.append(
+            Line2D([], [], color=TARGET, marker="o", markersize=3.2, markerfacecolor="white",
+                   linewidth=1.2, label="target (line: error)")
+        )  # fmt: skip
+    if any(mark.directions for mark in marks_drawn):
+        entries.append(
+            Line2D([], [], color=TARGET, marker=">", markersize=3.0, linewidth=0.7,
+                   label="direction asked for")
+        )  # fmt: skip
+    if any(len(row.tips) for row in rows):
+        entries.append(
+            Line2D([], [], color="k", linestyle=":", linewidth=0.7, label="path of the tip")
+        )
     if plan.motion.trunk.head.body:
         entries.append(Patch(color=HEAD, label="head"))
     if plan.motion.spec.obstacles:
         entries.append(Patch(color=OBSTACLE, label="obstacle"))
-    if row.logs:
+    if any(row.logs for row in rows):
+        entries.append(Patch(color=WOOD, label="log"))
+    if any(np.ptp(path, axis=0).any() for row in rows for path in row.log_paths):
         entries.append(
             Line2D([], [], color=LOG_PATH, marker=".", linewidth=0.8, label="path of the log")
         )
-    if row.mass is not None:
-        label = f"{row.mass.mass:g} kg that the tip carries"
+    mass = rows[0].mass
+    if mass is not None:
+        label = f"{mass.mass:g} kg that the tip carries"
         entries.append(Line2D([], [], color=MASS, marker="o", linestyle="", label=label))
-    style.legend_below_title(figure, entries)
+    count = -(-len(entries) // LEGEND_ENTRIES)
+    return [[*part] for part in np.array_split(np.array(entries, dtype=object), count)]
 
 
 def _ends(row: Row) -> list[int]:
@@ -302,7 +359,7 @@ def _caption(plan: Plan, row: Row) -> str:
     after = [" (just after)" if moment.after else "" for moment in row.trunks]
     times = ", ".join(f"{moment.time:.2f}{w}" for moment, w in zip(row.trunks, after, strict=True))
     names = [style.escaped(style.shortened(plan.motion.phases[n].name, 30)) for n in _ends(row)]
-    text = f"{' to '.join(names)}:  t = {times} s, from light to dark"
+    text = f"{' to '.join(names)}:  t = {times} s"
     errors = [
         1e3 * float(np.linalg.norm(mark.target - mark.reached)) for mark in row.marks if mark.placed
     ]
@@ -310,4 +367,4 @@ def _caption(plan: Plan, row: Row) -> str:
         text += f";  position error at the end: at most {rounded(max(errors))} mm"
     if row.mass is not None and any(row.mass.carried[number] for number in _ends(row)):
         text += f";  {row.mass.mass:g} kg at the tip"
-    return text
+    return "\n".join(textwrap.wrap(text, CAPTION))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+import textwrap
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
 import matplotlib
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -31,6 +35,7 @@ NAMES = {
 }
 SIDES = {"R": ("right", "-"), "L": ("left", ":")}  # the paper's: right solid, left dotted
 PHASES = ("#DCEBF7", "#FBE8D3", "#ECECEC")  # the paper's: light blue, light orange, gray
+BANDS = ("#FFFFFF", "#ECECEC")  # of more phases, which are numbered
 INK = "#222222"
 FAINT = "#8A8A8A"
 BOUND: dict[str, Any] = {"color": INK, "linewidth": 0.6, "linestyle": (0, (7, 2))}
@@ -39,9 +44,15 @@ FORMATS = ("pdf", "png")
 FONT = "DejaVu Sans"  # ships with matplotlib: the same everywhere
 MM = 1 / 25.4
 MAX_PIXELS = 30_000  # on either side of an image; the renderer's limit is 65,535
-MAX_LEGEND_PHASES = 6
-LEGEND_LETTERS = 70  # in a line of a legend
+LEGEND_LETTERS = 70  # in a line of a legend, for the names of all phases
+KEY_LINE = 150  # letters in a line of numbered phases
+MAX_KEY_LINES = 3
+NUMBER_WIDTH = 3.2  # mm, for the number of a phase
+SMALL_LETTER = 1.2  # mm
+NUMBERS_PAD = 10.0  # points, between a panel with numbers above it and its heading
 MAX_TITLE = 80  # letters
+MAX_SEGMENTS = 6  # panels side by side
+COMPRESSION = 3  # of PNG files, 0 to 9; more takes as long as drawing, for a tenth of the bytes
 WIDTH = 180.0  # mm, two columns
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -70,8 +81,14 @@ LOOK: Any = {
 }
 
 
-def styled() -> AbstractContextManager[None]:
-    """Context with the look of our figures; the caller's settings are restored after it.
+_SETTINGS = threading.RLock()  # matplotlib's settings are one set for all threads
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Block with the look of our figures; the caller's settings are restored after it.
+
+    Threads that draw take turns.
 
     Raises
     ------
@@ -81,9 +98,33 @@ def styled() -> AbstractContextManager[None]:
     if FONT not in fontManager.get_font_names():
         raise TrunkError(
             f"matplotlib does not find its own font {FONT!r}, so no figures can be drawn; "
-            "reinstall matplotlib, or use solve-motion --no-figures."
+            "reinstall matplotlib, or use solve-motion --figures none."
         )
-    return matplotlib.rc_context(LOOK)
+    with _SETTINGS, matplotlib.rc_context(LOOK):
+        yield
+
+
+P = ParamSpec("P")
+
+
+def self_contained(make: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Give a function that makes a figure our look, and let the figure keep it anywhere.
+
+    Matplotlib creates ticks as it draws, with the settings of that moment.
+    """
+
+    @wraps(make)
+    def figure_of(*arguments: P.args, **options: P.kwargs) -> Figure:
+        with styled():
+            figure = make(*arguments, **options)
+            for axes in figure.axes:
+                axes.tick_params(
+                    labelsize=LOOK["xtick.labelsize"], width=LOOK["xtick.major.width"],
+                    length=LOOK["xtick.major.size"],
+                )  # fmt: skip
+        return figure
+
+    return figure_of
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
@@ -93,13 +134,17 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def save(figure: Figure, folder: str | Path, name: str, formats: Sequence[str]) -> list[Path]:
     """Write a figure in every format; the same figure always gives the same bytes."""
-    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    of_kind: dict[str, dict[str, Any]] = {
+        "pdf": {"metadata": {"CreationDate": None}},
+        "png": {"pil_kwargs": {"compress_level": COMPRESSION}},
+        "svg": {"metadata": {"Date": None}},
+    }
     paths = []
     for kind in formats:
         path = Path(folder) / f"{name}.{kind}"
         with replacing(path) as unfinished:
             dots = min(LOOK["savefig.dpi"], MAX_PIXELS / max(figure.get_size_inches()))
-            figure.savefig(unfinished, format=kind, dpi=dots, metadata=undated.get(kind))
+            figure.savefig(unfinished, format=kind, dpi=dots, **of_kind.get(kind, {}))
         paths.append(path)
     return paths
 
@@ -118,6 +163,26 @@ def muscles_of(trunk: Trunk, group: str, segment: int) -> list[tuple[int, Muscle
     ]
 
 
+def shown_segments(trunk: Trunk) -> list[int]:
+    """Segments that get a panel: all, or if there are many the first, the last and some between."""
+    count = min(trunk.segments, MAX_SEGMENTS)
+    return np.linspace(0, trunk.segments - 1, count).round().astype(int).tolist()
+
+
+def segment_title(trunk: Trunk, segment: int) -> str:
+    """Heading of the panel of a segment."""
+    more = f" of {trunk.segments}" if trunk.segments > MAX_SEGMENTS else ""
+    return f"segment {segment + 1}{more}"
+
+
+def head_segment(axes: Axes, motion: Motion, segment: int, end: float) -> None:
+    """Write the heading of a segment's column, and the numbers of phases, above a panel."""
+    number_phases(axes, motion, end)
+    axes.set_title(
+        segment_title(motion.trunk, segment), pad=NUMBERS_PAD if numbered(motion) else None
+    )
+
+
 def note_if_empty(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
     """Write a note in the panel of a segment that has no muscle of a group."""
     if not muscles_of(trunk, group, segment):
@@ -127,35 +192,77 @@ def note_if_empty(axes: Axes, trunk: Trunk, group: str, segment: int) -> None:
         )  # fmt: skip
 
 
+# --- phases -------------------------------------------------------------------------------------
+
+
+def numbered(motion: Motion) -> bool:
+    """Whether phases are numbered: there are more of them than colors to tell them apart."""
+    return len(motion.phases) > len(PHASES)
+
+
 def shade_phases(axes: Axes, motion: Motion, end: float) -> None:
     """Shade the phases behind curves over time, from 0 to `end` in s."""
+    colors = BANDS if numbered(motion) else PHASES
     start = 0.0
     for number, phase in enumerate(motion.phases):
-        if start < end:
-            axes.axvspan(
-                start,
-                min(phase.end, end),
-                color=PHASES[number % len(PHASES)],
-                linewidth=0,
-                zorder=0,
-            )
+        color, until = colors[number % len(colors)], min(phase.end, end)
+        if start < end and color != BANDS[0]:
+            axes.axvspan(start, until, color=color, linewidth=0, zorder=0)
         start = phase.end
     if end > 0:
         axes.set_xlim(0, end)
 
 
+def number_phases(axes: Axes, motion: Motion, end: float, named: bool = False) -> None:
+    """Write the numbers of phases above a panel over time, as many as there is room for.
+
+    Phases that colors tell apart need none; with `named` they get their names.
+    """
+    if end <= 0 or not (named or numbered(motion)):
+        return
+    width = axes.get_window_extent().width / axes.figure.dpi / MM
+    start, last = 0.0, -np.inf
+    for number, phase in enumerate(motion.phases, 1):
+        middle = width * (start + min(phase.end, end)) / 2 / end
+        letters = int(width * (min(phase.end, end) - start) / end / SMALL_LETTER)
+        text = f"{number}" if numbered(motion) else escaped(shortened(phase.name, max(letters, 4)))
+        if start < end and middle - last >= NUMBER_WIDTH:
+            axes.annotate(
+                text, (middle / width, 1.0), (0, 1), xycoords="axes fraction",
+                textcoords="offset points", ha="center", va="bottom", fontsize=5.5, color=FAINT,
+                gid="phase number",
+            )  # fmt: skip
+            last = middle
+        start = phase.end
+
+
 def phase_patches(motion: Motion) -> list[Patch]:
-    """Legend entries for the shading of phases; if there are many, for the first ones."""
-    shown = motion.phases[:MAX_LEGEND_PHASES]
-    more = len(motion.phases) - len(shown)
-    keys = [
-        Patch(
-            color=PHASES[n % len(PHASES)],
-            label=escaped(shortened(phase.name, LEGEND_LETTERS // len(shown))),
-        )
-        for n, phase in enumerate(shown)
+    """Legend entries for the shading of phases; none if they are numbered."""
+    if numbered(motion):
+        return []
+    most = LEGEND_LETTERS // len(motion.phases)
+    return [
+        Patch(color=PHASES[n], label=escaped(shortened(phase.name, most)))
+        for n, phase in enumerate(motion.phases)
     ]
-    return [*keys, Patch(alpha=0, label=f"and {more} more phases")] if more else keys
+
+
+def phase_lines(motion: Motion) -> list[str]:
+    """Names of numbered phases, in lines below the title; names are shortened until they fit."""
+    if not numbered(motion):
+        return []
+    for most in (40, 30, 20, 14, 10, 7):
+        names = [f"{n} {shortened(p.name, most)}" for n, p in enumerate(motion.phases, 1)]
+        joined = "    ".join(name.replace(" ", "\0") for name in names)
+        lines = textwrap.wrap(joined, KEY_LINE, break_long_words=False, break_on_hyphens=False)
+        if len(lines) <= MAX_KEY_LINES:
+            break
+    else:
+        lines = [*lines[: MAX_KEY_LINES - 1], f"and so on to phase {len(motion.phases)}"]
+    return [escaped(line.replace("\0", " ")) for line in lines]
+
+
+# --- titles and legends -------------------------------------------------------------------------
 
 
 def shortened(text: str, most: int) -> str:
@@ -188,15 +295,28 @@ def headline(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=8.5, y=1 - 1.5 / height)
 
 
-def legend_below_title(figure: Figure, *rows: Sequence[Artist]) -> None:
-    """Put a figure's legend under its title, in rows; empty rows take no space."""
+ROW, KEY_ROW = 4.0, 2.9  # mm, of a legend and of a line of numbered phases
+
+
+def header(motion: Motion, rows: int) -> float:
+    """Height in mm of a figure's title, a number of legend rows and the names of phases."""
+    named = KEY_ROW * len(phase_lines(motion)) + 2.0 if numbered(motion) else ROW
+    return 4.5 + ROW * rows + named
+
+
+def legend_below_title(
+    figure: Figure, *rows: Sequence[Artist], motion: Motion | None = None
+) -> None:
+    """Put a figure's legend under its title, in rows; of a motion also the names of its phases."""
     height = figure.get_figheight() / MM
-    for row, entries in enumerate([entries for entries in rows if entries]):
-        figure.legend(
-            handles=entries,
-            loc="upper center",
-            bbox_to_anchor=(0.5, 1 - (4.5 + 4.0 * row) / height),
-            ncols=len(entries),
-            columnspacing=1.4,
-            borderaxespad=0.2,
-        )
+    down = 4.5
+    for entries in (*rows, phase_patches(motion) if motion else ()):
+        if entries:
+            figure.legend(
+                handles=entries, loc="upper center", bbox_to_anchor=(0.5, 1 - down / height),
+                ncols=len(entries), columnspacing=1.4, borderaxespad=0.2,
+            )  # fmt: skip
+            down += ROW
+    for line in phase_lines(motion) if motion else ():
+        figure.text(0.5, 1 - (down + 0.4) / height, line, fontsize=6.0, ha="center", va="top")
+        down += KEY_ROW

@@ -32,7 +32,9 @@ OF_PLAN = {
     ".": re.compile(
         r"diagnosis\.json|redundancy\.json|motion\.glb|activations\.sto|film\.(gif|mp4)"
     ),
-    "figures": re.compile(r"(activations|errors|shapes|muscles-[a-z]+|redundancy)" + FIGURE),
+    "figures": re.compile(
+        r"(activations|errors|shapes|muscles-[a-z]+|redundancy)(-[0-9]+)?" + FIGURE  # with its page
+    ),
     "vtk": re.compile(r"(muscles|centerline)(\.pvd|_[0-9]{4}\.vtp)"),
 }
 OF_RUN = {

@@ -14,6 +14,8 @@ GROUP_COLORS = {
     "vr": "#CC79A7",
 }
 MASS = "#7A3B69"  # the mass that hangs on the tip
+WOOD = "#B08D57"  # logs
+TARGET = "#CC0055"
 HEAD = "#B8ADA2"
 OBSTACLE = "#7F9CC0"
 EXTRA_COLORS = ("#56B4E9", "#882255", "#999933", "#332288", "#6B6B6B", "#44AA99", "#AA4499")
