@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..model.anatomy import Muscle, Trunk
-from ..model.solids import pivot
+from ..model.solids import Solid, pivot
 from ..planning.plan import Plan
 from ..planning.status import Status
 from ..problem.interpolation import with_marks
@@ -30,7 +30,7 @@ from ..scene.colors import MASS, group_colors
 from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
-from ..scene.surroundings import Mark, logs, marks, tip_mass
+from ..scene.surroundings import Mark, Places, logs, marks, tip_mass
 
 SECTIONS = 48  # cross-sections along the trunk, about
 SAMPLE_RATE = 25.0  # per second of motion
@@ -50,25 +50,32 @@ def payload(plans: Sequence[Plan]) -> dict[str, Any]:
 
 def _plan(plan: Plan) -> dict[str, Any]:
     moments = _moments(plan)
-    times = [moment.time for moment in moments]
-    grid = section_grid(plan.motion.trunk)
     return {
         **_outcome(plan),
+        "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
+        "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
+        "trunk": _trunk(plan.motion.trunk, section_grid(plan.motion.trunk)),
+        "pivot": pivot(plan.motion.trunk).tolist(),
+        "solids": _solids(plan, moments),
+        **moving(plan, moments),
+    }
+
+
+def moving(plan: Plan, moments: Sequence[Moment], at: Places | None = None) -> dict[str, Any]:
+    """What a plan of the same motion with other numbers changes on the page; `at`: see `marks`."""
+    times = [moment.time for moment in moments]
+    targets = _marks(plan, at)
+    return {
         # Unrounded: rounding must not move a time to the other side of a jump.
         "times": times,
         "jumps": list(plan.jumps),
         "held": _held(plan.motion, times),
-        "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
-        "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
-        "trunk": _trunk(plan.motion.trunk, grid),
-        "frames": _frames(plan, moments, grid.Z),
+        "frames": _frames(plan, moments, section_grid(plan.motion.trunk).Z),
         "activation": encoded(np.array([moment.activation for moment in moments])),
         "head": encoded(np.array([moment.head for moment in moments])),
-        "pivot": pivot(plan.motion.trunk).tolist(),
-        "solids": _solids(plan, moments),
         "objects": [*_logs(plan, moments), *_mass(plan, moments)],
-        "targets": _targets(plan),
-        "arrows": _arrows(plan),
+        "targets": _targets(targets),
+        "arrows": _arrows(targets),
     }
 
 
@@ -142,10 +149,10 @@ def _mass(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     ]
 
 
-def _targets(plan: Plan) -> list[dict[str, Any]]:
+def _targets(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Positions that points of the trunk should have, and from when to when, in s."""
     places: dict[tuple[float, ...], dict[str, Any]] = {}
-    for step, mark in _marks(plan):
+    for step, mark in targets:
         if mark.placed:
             position = mark.target.tolist()
             place = {"Z": mark.Z, "position": position, "from": step.time - step.duration}
@@ -153,7 +160,7 @@ def _targets(plan: Plan) -> list[dict[str, Any]]:
     return list(places.values())
 
 
-def _arrows(plan: Plan) -> list[dict[str, Any]]:
+def _arrows(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Directions that points of the trunk should have, where, and from when to when, in s."""
     return [
         {
@@ -162,15 +169,15 @@ def _arrows(plan: Plan) -> list[dict[str, Any]]:
             "from": step.time - step.duration,
             "to": step.time,
         }
-        for step, mark in _marks(plan)
+        for step, mark in targets
         for direction in mark.directions
     ]
 
 
-def _marks(plan: Plan) -> list[tuple[Step, Mark]]:
+def _marks(plan: Plan, at: Places | None) -> list[tuple[Step, Mark]]:
     """Every target of every planned step."""
     steps = plan.motion.steps[: len(plan.x)]
-    return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number)]
+    return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number, at)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,12 +250,8 @@ def _frames(plan: Plan, moments: Sequence[Moment], Z: np.ndarray) -> dict[str, s
 def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     """Parts of the head and obstacles at head angles 0, and whether they are `shown` in samples."""
     trunk = plan.motion.trunk
-    phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
-    there = [  # in order, unlike sets, so that a page has the same bytes every time
-        (*head_solids(trunk), *obstacles(plan, phase)) for phase in range(len(plan.motion.phases))
-    ]
     entries = []
-    for solid in dict.fromkeys(solid for phase in there for solid in phase):
+    for solid, shown in zip(_all_solids(plan), shown_solids(plan, moments), strict=True):
         surface = shaded(solid_surface(solid, trunk.length).body)
         entries.append(
             {
@@ -257,13 +260,32 @@ def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
                 "turns": solid.frame == "head",
                 "bounded": solid.shape != "half-space",
                 "color": color_of(solid),
-                "shown": [solid in there[phase] for phase in phases],
+                "shown": shown,
                 "points": encoded(surface.vertices[0]),
                 "normals": encoded(surface.normals[0]),
                 "triangles": surface.triangles.ravel().tolist(),
             }
         )
     return entries
+
+
+def shown_solids(plan: Plan, moments: Sequence[Moment]) -> list[list[bool]]:
+    """Whether each solid of the page is there, moment by moment."""
+    phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
+    there = _solids_of_phases(plan)
+    return [[solid in there[phase] for phase in phases] for solid in _all_solids(plan)]
+
+
+def _all_solids(plan: Plan) -> list[Solid]:
+    # In order, unlike a set, so that a page has the same bytes every time.
+    return [*dict.fromkeys(solid for phase in _solids_of_phases(plan) for solid in phase)]
+
+
+def _solids_of_phases(plan: Plan) -> list[tuple[Solid, ...]]:
+    return [
+        (*head_solids(plan.motion.trunk), *obstacles(plan, phase))
+        for phase in range(len(plan.motion.phases))
+    ]
 
 
 def encoded(array: np.ndarray) -> str:
