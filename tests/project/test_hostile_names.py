@@ -30,7 +30,7 @@ from trunk_ocp.codegen.shape_model import build_model
 from trunk_ocp.errors import InputError
 from trunk_ocp.figures import style
 from trunk_ocp.model.anatomy import AnatomySpec, Trunk, anatomies_folder
-from trunk_ocp.viewer.bundle import page
+from trunk_ocp.viewer.bundle import bundled
 
 pytestmark = pytest.mark.slow
 
@@ -265,7 +265,7 @@ class Elements(html.parser.HTMLParser):
 def elements(title: str) -> Elements:
     """What a browser finds on a page whose data have this text everywhere."""
     parser = Elements()
-    parser.feed(page({"title": title, "name": title, "plans": [{"phases": [title]}]}))
+    parser.feed(bundled({"title": title, "name": title, "plans": [{"phases": [title]}]}))
     return parser
 
 

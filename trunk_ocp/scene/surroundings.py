@@ -65,7 +65,8 @@ class Mark:
     """A target of a time step: Z and position (3,) in m, where the trunk is, wanted directions.
 
     Of a target that asks for directions only, the position is where the trunk's point is, and
-    `placed` is False.
+    `placed` is False. `directors` (0, 1, 2) are those that the directions are for, and `source` is
+    the section of the problem file that asks, such as "phases[1].targets[2]".
     """
 
     Z: float
@@ -73,6 +74,8 @@ class Mark:
     reached: np.ndarray
     directions: tuple[np.ndarray, ...]
     placed: bool = True
+    directors: tuple[int, ...] = ()
+    source: str = ""
 
 
 def logs(plan: Plan) -> list[Log]:
@@ -130,16 +133,19 @@ def marks(plan: Plan, number: int, at: Places | None = None) -> list[Mark]:
     trunk, head = plan.motion.trunk, plan.head[number]
     step_marks = []
     for target in plan.motion.steps[number].targets:
+        pairs = target.pairs()
         directions = tuple(
             at(wanted.step, wanted.Z)[1][wanted.director]
             if isinstance(wanted, HeldDirection)
             else target.direction_at(wanted, head)
-            for _, wanted, _ in target.pairs()
+            for _, wanted, _ in pairs
         )
+        directors = tuple(director for director, _, _ in pairs)
         reached, _ = at(number, target.Z)
-        if target.position is not None and target.position_weight > 0:
-            place = target.position_at(trunk, head)
-            step_marks.append(Mark(target.Z, place, reached, directions))
-        elif directions:
-            step_marks.append(Mark(target.Z, reached, reached, directions, placed=False))
+        placed = target.position is not None and target.position_weight > 0
+        if placed or directions:
+            place = target.position_at(trunk, head) if placed else reached
+            step_marks.append(
+                Mark(target.Z, place, reached, directions, placed, directors, target.source)
+            )
     return step_marks

@@ -12,12 +12,29 @@ import re
 from importlib.resources import files
 from typing import Any
 
-MODULES = ("data", "geometry", "colors", "clock", "scene", "stage", "plots", "controls", "main")
+MODULES = (
+    "elements",
+    "bridge",
+    "data",
+    "geometry",
+    "colors",
+    "clock",
+    "materials",
+    "symbols",
+    "scene",
+    "framing",
+    "stage",
+    "plots",
+    "axes",
+    "bar",
+    "controls",
+    "main",
+)
 IMPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
-def page(data: dict[str, Any]) -> str:
+def bundled(data: dict[str, Any]) -> str:
     """Text of the page for the data that `payload` returns."""
     parts = {
         "title": html.escape(data["title"]),

@@ -31,6 +31,7 @@ from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
 from ..scene.surroundings import Mark, Places, logs, marks, tip_mass
+from .try_it import plan_controls
 
 SECTIONS = 48  # cross-sections along the trunk, about
 SAMPLE_RATE = 25.0  # per second of motion
@@ -54,7 +55,7 @@ def _plan(plan: Plan) -> dict[str, Any]:
         **_outcome(plan),
         "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
         "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
-        "trunk": _trunk(plan.motion.trunk, section_grid(plan.motion.trunk)),
+        "trunk": trunk_of(plan.motion.trunk, section_grid(plan.motion.trunk)),
         "pivot": pivot(plan.motion.trunk).tolist(),
         "solids": _solids(plan, moments),
         **moving(plan, moments),
@@ -63,19 +64,20 @@ def _plan(plan: Plan) -> dict[str, Any]:
 
 def moving(plan: Plan, moments: Sequence[Moment], at: Places | None = None) -> dict[str, Any]:
     """What a plan of the same motion with other numbers changes on the page; `at`: see `marks`."""
-    times = [moment.time for moment in moments]
+    times, trunk = [moment.time for moment in moments], plan.motion.trunk
     targets = _marks(plan, at)
     return {
         # Unrounded: rounding must not move a time to the other side of a jump.
         "times": times,
         "jumps": list(plan.jumps),
         "held": _held(plan.motion, times),
-        "frames": _frames(plan, moments, section_grid(plan.motion.trunk).Z),
+        "frames": frames_of(trunk, _shapes(plan, moments), section_grid(trunk).Z),
         "activation": encoded(np.array([moment.activation for moment in moments])),
         "head": encoded(np.array([moment.head for moment in moments])),
         "objects": [*_logs(plan, moments), *_mass(plan, moments)],
         "targets": _targets(targets),
         "arrows": _arrows(targets),
+        "controls": plan_controls(plan, moments),
     }
 
 
@@ -151,12 +153,17 @@ def _mass(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
 
 def _targets(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Positions that points of the trunk should have, and from when to when, in s."""
-    places: dict[tuple[float, ...], dict[str, Any]] = {}
+    places: dict[tuple[object, ...], dict[str, Any]] = {}
     for step, mark in targets:
         if mark.placed:
             position = mark.target.tolist()
-            place = {"Z": mark.Z, "position": position, "from": step.time - step.duration}
-            places.setdefault((mark.Z, *position), place)["to"] = step.time
+            place = {
+                "name": mark.source,
+                "Z": mark.Z,
+                "position": position,
+                "from": step.time - step.duration,
+            }
+            places.setdefault((mark.source, mark.Z, *position), place)["to"] = step.time
     return list(places.values())
 
 
@@ -164,13 +171,15 @@ def _arrows(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Directions that points of the trunk should have, where, and from when to when, in s."""
     return [
         {
+            "Z": mark.Z,
+            "director": director,
             "position": mark.target.tolist(),
             "direction": direction.tolist(),
             "from": step.time - step.duration,
             "to": step.time,
         }
         for step, mark in targets
-        for direction in mark.directions
+        for director, direction in zip(mark.directors, mark.directions, strict=True)
     ]
 
 
@@ -198,13 +207,15 @@ def section_grid(trunk: Trunk) -> Grid:
     return Grid(np.concatenate(Z), tuple(edges))
 
 
-def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
+def trunk_of(trunk: Trunk, grid: Grid) -> dict[str, Any]:
+    """The bodies of a trunk on a grid of cross-sections."""
     return {
+        "Z": encoded(grid.Z),
         "taper": encoded(trunk.taper(grid.Z)),
         "radius": trunk.base_radius,
         "length": trunk.length,
         "colors": group_colors(trunk),
-        "muscles": [_muscle(muscle, grid) for muscle in trunk.subdomains],
+        "muscles": [_muscle(muscle, trunk.subdomains, grid) for muscle in trunk.subdomains],
         "cores": [
             {"first": first, "last": last, "radius": core_radius(trunk, segment)}
             for segment, (first, last) in enumerate(pairwise(grid.edges))
@@ -212,7 +223,7 @@ def _trunk(trunk: Trunk, grid: Grid) -> dict[str, Any]:
     }
 
 
-def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
+def _muscle(muscle: Muscle, others: Sequence[Muscle], grid: Grid) -> dict[str, Any]:
     return {
         "name": muscle.name,
         "group": muscle.group,
@@ -222,8 +233,16 @@ def _muscle(muscle: Muscle, grid: Grid) -> dict[str, Any]:
         "first": grid.edges[muscle.segment],
         "last": grid.edges[muscle.segment + 1],
         "hollow": muscle.radii[0] > 0,
+        "outer": any(covers(muscle, other) for other in others),
         "outline": encoded(thinned(outline(muscle), muscle.radii[0] > 0)),
     }
+
+
+def covers(muscle: Muscle, other: Muscle) -> bool:
+    """Whether a muscle hides another that is nearer to the center."""
+    (low, high), (first, second) = muscle.sector, other.sector
+    overlap = min(high, second) - max(low, first)
+    return muscle.segment == other.segment and other.radii[0] < muscle.radii[0] and overlap > 1e-3
 
 
 def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
@@ -235,10 +254,13 @@ def thinned(section: np.ndarray, hollow: bool) -> np.ndarray:
     return section[np.concatenate([kept, back])]
 
 
-def _frames(plan: Plan, moments: Sequence[Moment], Z: np.ndarray) -> dict[str, str]:
+def _shapes(plan: Plan, moments: Sequence[Moment]) -> Shape:
+    return Shape.stack([moment.shape[0] for moment in moments], plan.mesh)
+
+
+def frames_of(trunk: Trunk, shape: Shape, Z: np.ndarray) -> dict[str, str]:
     """Cross-sections as position, quaternion (scalar first) and the scale of a radius."""
-    shape = Shape.stack([moment.shape[0] for moment in moments], plan.mesh)
-    at = frames(plan.motion.trunk, shape, Z)
+    at = frames(trunk, shape, Z)
     q = shape.state(Z)[..., :4]
     return {
         "position": encoded(at.position),
@@ -248,25 +270,28 @@ def _frames(plan: Plan, moments: Sequence[Moment], Z: np.ndarray) -> dict[str, s
 
 
 def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
-    """Parts of the head and obstacles at head angles 0, and whether they are `shown` in samples."""
+    """Parts of the head and obstacles, and whether they are `shown` in samples."""
     trunk = plan.motion.trunk
-    entries = []
-    for solid, shown in zip(_all_solids(plan), shown_solids(plan, moments), strict=True):
-        surface = shaded(solid_surface(solid, trunk.length).body)
-        entries.append(
-            {
-                "name": solid.name,
-                "group": solid.group,
-                "turns": solid.frame == "head",
-                "bounded": solid.shape != "half-space",
-                "color": color_of(solid),
-                "shown": shown,
-                "points": encoded(surface.vertices[0]),
-                "normals": encoded(surface.normals[0]),
-                "triangles": surface.triangles.ravel().tolist(),
-            }
-        )
-    return entries
+    return [
+        solid_entry(solid, trunk, shown)
+        for solid, shown in zip(_all_solids(plan), shown_solids(plan, moments), strict=True)
+    ]
+
+
+def solid_entry(solid: Solid, trunk: Trunk, shown: list[bool]) -> dict[str, Any]:
+    """A solid at head angles 0."""
+    surface = shaded(solid_surface(solid, trunk.length).body)
+    return {
+        "name": solid.name,
+        "group": solid.group,
+        "turns": solid.frame == "head",
+        "bounded": solid.shape != "half-space",
+        "color": color_of(solid),
+        "shown": shown,
+        "points": encoded(surface.vertices[0]),
+        "normals": encoded(surface.normals[0]),
+        "triangles": surface.triangles.ravel().tolist(),
+    }
 
 
 def shown_solids(plan: Plan, moments: Sequence[Moment]) -> list[list[bool]]:

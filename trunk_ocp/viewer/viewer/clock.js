@@ -14,6 +14,11 @@ export class Clock {
     this.last = null; // time of the last frame, while playing
   }
 
+  setDuration(duration) {
+    this.duration = duration;
+    this.time = Math.min(this.time, duration);
+  }
+
   play() {
     if (this.time >= this.duration) this.time = 0;
     this.playing = true;

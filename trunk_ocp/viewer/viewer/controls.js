@@ -1,10 +1,13 @@
-// Buttons, check boxes and keys. They change the state through functions that `main` passes in.
+// What is shown and how: check boxes and choices beside the trunk, and the keys of the page.
 
 import { activationGradient } from "./colors.js";
+import { byId } from "./elements.js";
 import { short } from "./plots.js";
+import { ARROW_COLORS } from "./symbols.js";
 
 export const SIDES = { R: "right (solid)", L: "left (dotted)" };
 export const PARTS = {
+  glass: "outer muscles translucent",
   core: "inner tissue",
   skin: "skin",
   head: "head",
@@ -15,12 +18,34 @@ export const PARTS = {
 const KEY_STEP = 0.04; // s, of an arrow key
 const AFTER_JUMP = 1e-3; // s, after a jump of the loads
 
-export function byId(id) {
-  return document.getElementById(id);
+/** Check boxes for muscle groups, sides and parts; they call `hide(key, on)`, `part(key, on)`. */
+export function buildBoxes(plans, look, { hide, part }) {
+  const groups = [...look.colors].map(([key, color]) => ({ key, label: key, color, on: true }));
+  const sides = Object.entries(SIDES).map(([key, label]) => ({ key: `side ${key}`, label, on: true }));
+  const parts = partsOf(plans).map((key) => ({ key, label: PARTS[key], on: look.parts[key] }));
+  addBoxes(byId("groups"), groups, hide);
+  addBoxes(byId("sides"), sides, hide);
+  addBoxes(byId("parts"), parts, part);
+  document.body.dataset.muscles = groups.length;
+  addMuscleChoices(byId("muscle"), plans);
+}
+
+/** Everything besides muscles that plans have. */
+function partsOf(plans) {
+  const some = (has) => plans.some(has);
+  const exists = {
+    glass: some(({ trunk }) => trunk.muscles.some(({ outer }) => outer)),
+    objects: some(({ objects }) => objects.length),
+    head: some(({ solids }) => solids.some(({ group }) => group === "head")),
+    obstacles: some(({ solids }) => solids.some(({ group }) => group === "obstacles")),
+    targets: some(({ targets, arrows }) => targets.length + arrows.length),
+  };
+  return Object.keys(PARTS).filter((key) => exists[key] ?? true);
 }
 
 /** Check boxes that show or hide; they call `change(key, on)`. */
 export function addBoxes(container, entries, change) {
+  container.replaceChildren();
   for (const { key, label, color, on } of entries) {
     const line = container.appendChild(document.createElement("label"));
     const box = line.appendChild(document.createElement("input"));
@@ -33,15 +58,16 @@ export function addBoxes(container, entries, change) {
   }
 }
 
-function swatch(color) {
+export function swatch(color) {
   const square = document.createElement("span");
   square.className = "swatch";
   square.style.background = color;
   return square;
 }
 
-export function addMuscleChoices(select, plans) {
+function addMuscleChoices(select, plans) {
   const names = new Set(plans.flatMap((plan) => plan.trunk.muscles.map((muscle) => muscle.name)));
+  select.replaceChildren(new Option("none", ""));
   for (const name of names) select.add(new Option(name, name));
 }
 
@@ -53,7 +79,24 @@ export function drawLegend(largest) {
   });
 }
 
-/** Keys of the whole page; `actions` has functions by name. */
+/** What the symbols of targets mean, for those that plans have. */
+export function writeSymbolLegend(plans, shown) {
+  const entries = [];
+  if (plans.some(({ targets }) => targets.length)) entries.push(["\u25cf", "asked position", "#111"]);
+  ARROW_COLORS.forEach((color, i) => {
+    const asked = plans.some(({ arrows }) => arrows.some(({ director }) => director === i));
+    if (asked) entries.push(["\u2191", `asked d${i + 1}${i === 2 ? " (tangent)" : ""}`, color]);
+  });
+  byId("symbols").replaceChildren(...(shown ? entries : []).map(([sign, label, color]) => {
+    const line = document.createElement("div");
+    line.append(document.createElement("b"), label);
+    line.firstChild.textContent = sign;
+    line.firstChild.style.color = color;
+    return line;
+  }));
+}
+
+/** Keys of the whole page; `actions` has functions by name, `stops()` times to stop at. */
 export function listenToKeys(clock, stops, actions) {
   const byKey = {
     " ": actions.toggle,
@@ -64,7 +107,8 @@ export function listenToKeys(clock, stops, actions) {
     "?": actions.help,
     c: actions.switchColors,
     r: actions.resetView,
-    Escape: actions.deselect,
+    t: actions.tryIt,
+    Escape: actions.escape,
     a: () => actions.nudge(-0.1, 0, 1),
     d: () => actions.nudge(0.1, 0, 1),
     w: () => actions.nudge(0, 0.1, 1),
@@ -72,7 +116,7 @@ export function listenToKeys(clock, stops, actions) {
     "+": () => actions.nudge(0, 0, 1 / 1.1),
     "-": () => actions.nudge(0, 0, 1.1),
   };
-  const toStop = (direction) => nextStop(stops, clock.time, direction) - clock.time;
+  const toStop = (direction) => nextStop(stops(), clock.time, direction) - clock.time;
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || keyBelongsTo(event)) return;
     const action = byKey[event.key];
@@ -85,7 +129,8 @@ export function listenToKeys(clock, stops, actions) {
 /** Whether the element with the focus handles a key itself. */
 function keyBelongsTo({ target, key }) {
   if (byId("help").open) return true;
-  if (target.closest("select")) return true;
+  if (target.closest("select, input[type=number]")) return true;
+  if (target.closest("#try-panel input[type=range]")) return /^(Arrow|Home|End)/.test(key);
   return key === " " && Boolean(target.closest("button, input[type=checkbox], summary"));
 }
 

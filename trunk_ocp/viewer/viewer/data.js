@@ -1,12 +1,15 @@
 // Data of the page: JSON with float32 arrays in base64; see payload.py.
 
 export function readPayload() {
-  const payload = JSON.parse(document.getElementById("data").textContent);
-  payload.plans = payload.plans.map(decodedPlan);
-  return payload;
+  return JSON.parse(document.getElementById("data").textContent);
 }
 
-function decodedPlan(plan) {
+/** Plans of a payload; one whose `trunk` is left out has the trunk of the plan shown before. */
+export function decodedPlans(payload, before = []) {
+  return payload.plans.map((plan, i) => decodedPlan(plan, before[i]?.trunk));
+}
+
+function decodedPlan(plan, trunk) {
   const times = Float64Array.from(plan.times);
   const { position, quaternion, scale } = plan.frames;
   return {
@@ -14,7 +17,7 @@ function decodedPlan(plan) {
     times,
     duration: times[times.length - 1],
     label: plan.mode[0].toUpperCase() + plan.mode.slice(1),
-    trunk: decodedTrunk(plan.trunk),
+    trunk: plan.trunk ? decodedTrunk(plan.trunk) : trunk,
     frames: { position: floats(position), quaternion: floats(quaternion), scale: floats(scale) },
     activation: floats(plan.activation),
     head: floats(plan.head),
@@ -27,7 +30,7 @@ function decodedPlan(plan) {
 
 function decodedTrunk(trunk) {
   const muscles = trunk.muscles.map((muscle) => ({ ...muscle, outline: floats(muscle.outline) }));
-  return { ...trunk, muscles, taper: floats(trunk.taper) };
+  return { ...trunk, muscles, Z: floats(trunk.Z), taper: floats(trunk.taper) };
 }
 
 function floats(text) {
@@ -57,6 +60,11 @@ export function mixed(array, width, i, { before, after, weight }) {
   return (1 - weight) * array[before * width + i] + weight * array[after * width + i];
 }
 
+/** A row of `width` numbers, interpolated between two samples. */
+export function mixedRow(array, width, instant) {
+  return Array.from({ length: width }, (_, i) => mixed(array, width, i, instant));
+}
+
 export function activationAt(plan, muscle, t) {
   return mixed(plan.activation, plan.trunk.muscles.length, muscle, instantAt(plan, t));
 }
@@ -64,6 +72,11 @@ export function activationAt(plan, muscle, t) {
 export function phaseAt(plan, t) {
   const phase = plan.phases.find(({ end }) => t <= end + 1e-6);
   return phase ? phase.name : "";
+}
+
+/** Whether something is asked, or bounds hold, at a time: after `from`, up to `to`. */
+export function isCurrent({ from, to }, t) {
+  return (t > from + 1e-6 || from <= 0) && t < to + 1e-6;
 }
 
 /** Smallest and largest activation of all plans, with zero in the range. */

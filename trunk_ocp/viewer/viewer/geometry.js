@@ -5,9 +5,9 @@ import { instantAt, mixed } from "./data.js";
 
 const CREASE = Math.cos((40 * Math.PI) / 180); // sharper corners of an outline stay sharp
 
-/** Arrays for the cross-sections of a plan at one time. */
-export function makeSections(plan) {
-  const n = plan.trunk.taper.length;
+/** Arrays for the cross-sections of a trunk at one time. */
+export function makeSections(trunk) {
+  const n = trunk.taper.length;
   return {
     n,
     position: new Float32Array(3 * n),

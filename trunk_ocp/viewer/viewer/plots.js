@@ -11,14 +11,32 @@ const STROKE = { plain: 1.6, selected: 4 }; // px
 
 /** Plots of all plans; the pointer calls `seek(time)` and `pick(name or null)`. */
 export class Plots {
-  constructor(container, plans, { seek, pick }) {
-    const range = activationRange(plans);
-    const end = Math.max(...plans.map((plan) => plan.duration));
-    const left = 10 + LETTER_WIDTH * Math.max(...ticks(...range, LEVELS).map((y) => short(y).length));
-    this.panels = plans.flatMap((plan) => {
-      const section = planSection(container, plan);
+  constructor(container, { seek, pick }) {
+    this.container = container;
+    this.actions = { seek, pick };
+    this.panels = [];
+  }
+
+  /** Show plans; panels stay if the trunks are those of before, which takes less time. */
+  setPlans(plans) {
+    const axes = axesOf(plans);
+    const same = this.trunks?.length === plans.length
+      && plans.every(({ trunk }, i) => trunk === this.trunks[i]);
+    this.trunks = plans.map(({ trunk }) => trunk);
+    this.container.hidden = plans.every(({ still }) => still);
+    if (!same) return this.build(plans, axes);
+    this.headings.forEach((heading, i) => (heading.textContent = headingOf(plans[i])));
+    for (const panel of this.panels) panel.setPlan(plans[panel.number], axes);
+  }
+
+  build(plans, axes) {
+    this.container.replaceChildren();
+    this.headings = [];
+    this.panels = plans.flatMap((plan, number) => {
+      const { section, heading } = planSection(this.container, plan);
+      this.headings.push(heading);
       return segmentsOf(plan).map((segment) => {
-        const panel = new Panel(plan, segment, { range, end, left }, { seek, pick });
+        const panel = new Panel(plan, number, segment, axes, this.actions);
         section.append(panel.element);
         return panel;
       });
@@ -34,14 +52,26 @@ export class Plots {
   }
 }
 
+/** Range of activations, end of time and width of labels, the same for all panels. */
+function axesOf(plans) {
+  const range = activationRange(plans);
+  const end = Math.max(...plans.map((plan) => plan.duration));
+  const letters = Math.max(...ticks(...range, LEVELS).map((y) => short(y).length));
+  return { range, end, left: 10 + LETTER_WIDTH * letters };
+}
+
 function planSection(container, plan) {
   const section = container.appendChild(document.createElement("section"));
   const heading = section.appendChild(document.createElement("h2"));
-  heading.textContent = `${plan.label}: activations${plan.solved ? "" : " (NOT SOLVED)"}`;
+  heading.textContent = headingOf(plan);
   const panels = section.appendChild(document.createElement("div"));
   panels.className = "panels";
   if (!plan.trunk.muscles.length) panels.textContent = "This trunk has no muscles.";
-  return panels;
+  return { section: panels, heading };
+}
+
+function headingOf(plan) {
+  return `${plan.label}: activations${plan.solved ? "" : " (NOT SOLVED)"}`;
 }
 
 /** Indices of the segments that have muscles. */
@@ -50,16 +80,23 @@ function segmentsOf(plan) {
 }
 
 class Panel {
-  constructor(plan, segment, axes, actions) {
-    this.plan = plan;
+  constructor(plan, number, segment, axes, actions) {
+    this.number = number; // of its plan
     this.segment = segment;
-    this.axes = axes;
     this.actions = actions;
-    this.curves = curvesOf(plan, segment);
     this.time = 0;
+    this.setPlan(plan, axes);
     this.build();
     this.listen();
     new ResizeObserver(() => this.redraw()).observe(this.element);
+  }
+
+  setPlan(plan, axes) {
+    this.plan = plan;
+    this.axes = axes;
+    this.curves = curvesOf(plan, this.segment);
+    this.width = 0; // so that all is drawn again
+    if (this.element) this.redraw();
   }
 
   build() {
@@ -250,7 +287,8 @@ export function short(value) {
   return String(Number(value.toPrecision(3))).replace("-", "\u2212");
 }
 
-function svg(name, attributes) {
+/** An element of an SVG picture. */
+export function svg(name, attributes) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   return element;

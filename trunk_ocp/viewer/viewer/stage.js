@@ -2,29 +2,46 @@
 
 /* global THREE */
 import { PlanScene } from "./scene.js";
+import { boxAround, inScene, nearestPlace, seenFrom, sweptPoints } from "./framing.js";
 
 const FIELD_OF_VIEW = 32; // degrees, vertical
 const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at the start, rad
 const CLICK_DISTANCE = 5; // px that a pointer may move in a click
 const BACKGROUND = 0xf6f5f2;
+const INSETS = { left: 12, right: 12, top: 34, bottom: 22 }; // px of a view that stay free
 
 export class Stage {
   /** A click calls `onPick(name or null)`, a change of the view `onChange()`. */
   constructor(canvas, plans, onPick, onChange) {
     this.canvas = canvas;
-    this.scenes = plans.map((plan) => new PlanScene(plan));
     this.software = drawsInSoftware();
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !this.software });
     this.renderer.setClearColor(BACKGROUND);
-    this.bounds = bounds(plans);
-    const size = this.bounds.half.length(); // about 1.3 m for an elephant
-    this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 0.04 * size, 40 * size);
-    [this.nearest, this.farthest] = [0.2 * size, 16 * size];
+    this.camera = new THREE.PerspectiveCamera(FIELD_OF_VIEW, 1, 1, 2);
     this.controls = new THREE.OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", onChange);
     this.onPick = onPick;
     this.onChange = onChange;
+    this.setPlans(plans);
     this.listen();
+  }
+
+  /** Show plans; the camera stays if the trunks are those of before. */
+  setPlans(plans) {
+    const same = this.scenes?.length === plans.length
+      && plans.every((plan, i) => plan.trunk === this.scenes[i].plan.trunk);
+    if (same) {
+      this.scenes.forEach((scene, i) => scene.replace(plans[i]));
+    } else {
+      this.scenes = plans.map((plan) => new PlanScene(plan));
+    }
+    this.points = sweptPoints(plans);
+    if (same) return;
+    const { center, size } = boxAround(this.points); // size: about 1.3 m for an elephant
+    this.center = center;
+    [this.camera.near, this.camera.far] = [0.04 * size, 40 * size];
+    [this.nearest, this.farthest] = [0.2 * size, 16 * size];
+    this.fitted = null;
     this.resize();
     this.reset();
   }
@@ -46,10 +63,19 @@ export class Stage {
     if (!width || !height) return;
     this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
-    this.views = views(this.scenes.length, width, height, this.extent());
-    const moved = this.fitted && !this.touched();
-    if (moved) this.reset();
+    const moved = this.fitted && this.touched();
+    this.arrange(width, height);
+    if (this.fitted && !moved) this.reset();
     this.onChange();
+  }
+
+  /** Put views side by side or one above the other, whichever shows the motion larger. */
+  arrange(width, height) {
+    const arrangements = [true, false].map((beside) => views(this.scenes.length, width, height, beside));
+    const turn = this.lookAlong(DIRECTION);
+    const points = seenFrom(this.points, turn);
+    const distances = arrangements.map(([view]) => nearestPlace(points, slopes(view)).z);
+    this.views = arrangements[distances[0] <= distances[1] ? 0 : 1];
   }
 
   /** Whether the user has moved the camera since `reset`. */
@@ -57,23 +83,22 @@ export class Stage {
     return this.camera.position.distanceTo(this.fitted) > 1e-6 * this.nearest;
   }
 
-  /** Half width, height and depth of the whole motion, from the camera's first direction. */
-  extent() {
-    const { half } = this.bounds;
-    const [cos, sin] = [Math.cos(DIRECTION.azimuth), Math.sin(DIRECTION.azimuth)];
-    const [wide, deep] = [half.x * cos + half.z * sin, half.x * sin + half.z * cos];
-    return { wide, high: half.y, deep };
+  /** The rotation (a quaternion) of a camera that looks from a direction at the middle. */
+  lookAlong(from) {
+    const eye = new THREE.PerspectiveCamera();
+    eye.position.copy(direction(from));
+    eye.lookAt(0, 0, 0);
+    return eye.quaternion;
   }
 
-  /** Move the camera so that the whole motion is in view. */
+  /** Move the camera so that the whole motion fills the view. */
   reset() {
-    const { width, height } = this.views[0];
-    const { center } = this.bounds;
-    const { wide, high, deep } = this.extent();
-    const slope = Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
-    const distance = Math.max(high, (wide * height) / width) / slope + 0.45 * deep;
-    this.controls.target.copy(center);
-    this.camera.position.copy(center).addScaledVector(direction(DIRECTION), 1.04 * distance);
+    if (!this.views) return;
+    const turn = this.lookAlong(DIRECTION);
+    const place = nearestPlace(seenFrom(this.points, turn), slopes(this.views[0]));
+    const depth = this.center.clone().applyQuaternion(turn.clone().invert()).z;
+    this.controls.target.set(place.x, place.y, depth).applyQuaternion(turn);
+    this.camera.position.copy(place).applyQuaternion(turn);
     this.controls.update();
     this.fitted = this.camera.position.clone();
     this.onChange();
@@ -97,6 +122,7 @@ export class Stage {
 
   render() {
     const { renderer, camera, canvas } = this;
+    if (!this.views) return;
     const height = canvas.parentElement.clientHeight;
     renderer.setScissorTest(true);
     this.views.forEach((view, i) => {
@@ -113,41 +139,53 @@ export class Stage {
   }
 
   click(event) {
+    const at = this.rayAt(event);
+    this.onPick(at && this.scenes[at.number].pick(at.raycaster));
+  }
+
+  /** The view (its number) under a pointer and the ray into it, or null. */
+  rayAt({ clientX, clientY }) {
     const box = this.canvas.getBoundingClientRect();
-    this.onPick(this.muscleAt(event.clientX - box.x, event.clientY - box.y));
-  }
-
-  /** Name of the muscle at a point of the canvas, or null. */
-  muscleAt(x, y) {
+    const [x, y] = [clientX - box.x, clientY - box.y];
     const inside = (v) => x >= v.x && x < v.x + v.width && y >= v.y && y < v.y + v.height;
-    const i = this.views.findIndex(inside);
-    if (i < 0) return null;
-    const view = this.views[i];
-    aim(this.camera, view);
-    const across = (2 * (x - view.x)) / view.width - 1;
-    const up = 1 - (2 * (y - view.y)) / view.height;
-    const raycaster = new THREE.Raycaster();
-    raycaster.setFromCamera(new THREE.Vector2(across, up), this.camera);
-    return this.scenes[i].pick(raycaster);
+    const number = this.views.findIndex(inside);
+    return number < 0 ? null : { number, raycaster: this.rayIn(this.views[number], x, y) };
   }
 
-  /** Where a point of the model, in m, is on the canvas; for tests. */
+  /** The ray through a point of the canvas, in px, as if it was in a view. */
+  rayIn(view, x, y) {
+    aim(this.camera, view);
+    const raycaster = new THREE.Raycaster();
+    const point = new THREE.Vector2((2 * (x - view.x)) / view.width - 1, 1 - (2 * (y - view.y)) / view.height);
+    raycaster.setFromCamera(point, this.camera);
+    return raycaster;
+  }
+
+  /** Where a point of the model, in m, is on the canvas, in px. */
   pointAt(number, point) {
     const view = this.views[number];
     aim(this.camera, view);
-    const at = turned(...point).project(this.camera);
+    const at = inScene(...point).project(this.camera);
     return [view.x + ((at.x + 1) / 2) * view.width, view.y + ((1 - at.y) / 2) * view.height];
   }
 }
 
+/** Whether this browser has WebGL. */
+export function hasWebGL() {
+  return Boolean(context());
+}
+
 /** Whether WebGL runs in software, where smooth edges would halve the frame rate. */
 function drawsInSoftware() {
-  const gl = document.createElement("canvas").getContext("webgl2");
-  if (!gl) return false; // three.js reports it
+  const gl = context();
   const info = gl.getExtension("WEBGL_debug_renderer_info");
   const name = gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
   gl.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+function context() {
+  return document.createElement("canvas").getContext("webgl2");
 }
 
 function aim(camera, view) {
@@ -156,10 +194,7 @@ function aim(camera, view) {
   camera.updateMatrixWorld();
 }
 
-/** Views side by side or stacked, whichever shows the motion larger. */
-function views(count, width, height, { wide, high }) {
-  const size = (w, h) => Math.min(w / wide, h / high);
-  const beside = size(width / count, height) >= size(width, height / count);
+function views(count, width, height, beside) {
   const [w, h] = beside ? [width / count, height] : [width, height / count];
   return Array.from({ length: count }, (_, i) => ({
     x: beside ? i * w : 0,
@@ -169,31 +204,19 @@ function views(count, width, height, { wide, high }) {
   }));
 }
 
-function turned(x, y, z) {
-  return new THREE.Vector3(x, -z, y);
+/** Tangents of the angles from the line of sight to the edges of a view's free part. */
+function slopes({ width, height }) {
+  const up = Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+  const across = (up * width) / height;
+  const free = (inset, size) => Math.max(0.3, 1 - (2 * inset) / size);
+  return {
+    left: across * free(INSETS.left, width),
+    right: across * free(INSETS.right, width),
+    up: up * free(INSETS.top, height),
+    down: up * free(INSETS.bottom, height),
+  };
 }
 
 function direction({ azimuth, elevation }) {
   return new THREE.Vector3().setFromSphericalCoords(1, Math.PI / 2 - elevation, azimuth);
-}
-
-/** Center and half size of the box around the whole motion. */
-function bounds(plans) {
-  const low = new THREE.Vector3(Infinity, Infinity, Infinity);
-  const high = low.clone().negate();
-  const add = (x, y, z, margin) => {
-    const point = turned(x, y, z);
-    low.min(point.clone().addScalar(-margin));
-    high.max(point.addScalar(margin));
-  };
-  const all = (array, margin) => {
-    for (let k = 0; k < array.length; k += 3) add(array[k], array[k + 1], array[k + 2], margin);
-  };
-  for (const { trunk, frames, objects, solids } of plans) {
-    all(frames.position, 0.7 * trunk.radius);
-    for (const { points, bounded } of solids) if (bounded) all(points, 0);
-    for (const { center, radius } of objects) all(center, radius);
-  }
-  const half = high.clone().sub(low).divideScalar(2);
-  return { center: low.add(half), half };
 }
