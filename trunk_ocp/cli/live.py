@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 import webbrowser
+from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 
 from .._support.atomic_files import alone
 from ..errors import InputError
-from ..planning.plan import Plan, PlanError
+from ..planning.plan import Plan
 from ..planning.planner import plan_motion
 from ..problem.motion import Motion
 from ..viewer.live_messages import Inbox
@@ -23,6 +25,9 @@ from .option_types import contact_option, number_option, out_option
 from .progress import ProgressDisplay
 from .safe_streams import standard_output
 from .solve import save_plans
+
+if TYPE_CHECKING:
+    from ..viewer.live_server import LiveServer
 
 
 @click.command("live")
@@ -48,10 +53,10 @@ def live_command(
     motion = load_problem(problem, contact)
     for warning in motion.warnings:
         warn(warning)
-    inbox, code = Inbox(), SUCCESS
-    with server_class(inbox, port) as server:
+    inbox, interrupted = Inbox(), False
+    with server_class(inbox, port) as server, alone(out) if out else nullcontext():
         session = LiveSession(_first_plan(motion, console), inbox)
-        server.start(session)
+        server.start(session.page(server.socket_address), session.first_update())
         print_plain(console, f"Page: {server.address}")
         print_plain(console, "Close the page or press Ctrl-C to end.")
         if not no_browser and not webbrowser.open(server.address):
@@ -60,5 +65,56 @@ def live_command(
             for update in session.run():
                 server.send(update)
         except KeyboardInterrupt:
-            code = INTERRUPTED
-    sys.exit((out and _save(session.solved, out, problem, console)) or code)
+            interrupted = True
+        saved = out is None or _save(session.solved, out, problem, console)
+    sys.exit(INTERRUPTED if interrupted else SUCCESS if saved else NOT_VERIFIED)
+
+
+def _server_class() -> type[LiveServer]:
+    """The server, whose library is no dependency of the rest of this package.
+
+    Raises
+    ------
+    InputError
+        If the library is missing or too old.
+    """
+    try:
+        from ..viewer.live_server import LiveServer
+    except ImportError as error:
+        if not (error.name or "").startswith("websockets"):
+            raise
+        raise InputError(
+            "trunk-ocp live needs websockets 14 or later: pip install 'websockets>=14'."
+        ) from None
+    return LiveServer
+
+
+def _first_plan(motion: Motion, console: Console) -> Plan:
+    """The plan to start from.
+
+    Raises
+    ------
+    InputError
+        If it does not converge.
+    """
+    with ProgressDisplay(console, motion) as display:
+        plan = plan_motion(motion, reporter=display, throw=False)
+    print_outcome(console, plan)
+    if not plan.converged:
+        raise InputError(
+            f"{motion.name}: {plan.status.value}. A live page starts from a plan that converged; "
+            f"solve-motion and trunk-ocp explain say more."
+        )
+    return plan
+
+
+def _save(plan: Plan | None, folder: Path, problem: str, console: Console) -> bool:
+    """Save a plan as solve-motion does; returns whether there is one."""
+    if plan is None:
+        warn(f"no plan was solved and verified, so nothing was saved in {folder}/.")
+        return False
+    aside, _ = save_plans([plan], folder, problem)
+    if (earlier := aside.settle()) is not None:
+        print_plain(console, f"Files made from earlier plans are now in {earlier}/")
+    print_plain(console, f"The last plan that was solved and verified is in {folder}/")
+    return True

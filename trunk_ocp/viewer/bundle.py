@@ -30,19 +30,28 @@ MODULES = (
     "controls",
     "main",
 )
+LIVE_MODULES = ("targets_drag", "live_panel", "live")
 IMPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE)
 EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
 
 
-def bundled(data: dict[str, Any]) -> str:
-    """Text of the page for the data that `payload` returns."""
+def bundled(data: dict[str, Any], socket: str | None = None) -> str:
+    """Text of the page for the data that `payload` returns.
+
+    Parameters
+    ----------
+    socket : str, optional
+        Address (ws://...) of the planner that a live page talks to. Other pages connect to nothing.
+    """
+    live = socket is not None
     parts = {
         "title": html.escape(data["title"]),
-        "style": _read("viewer/style.css"),
+        "connect": html.escape(socket or "'none'"),
+        "style": _read("viewer/style.css") + (_read("viewer/live.css") if live else ""),
         "license": _read("vendor/LICENSE"),
         "three": _read("vendor/three.min.js"),
         "data": embedded(data),
-        "viewer": "\n".join(_module(name) for name in MODULES),
+        "viewer": "\n".join(_module(name) for name in MODULES + LIVE_MODULES * live),
     }
     # In one pass, so that {{names}} inside a part are never replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read("viewer/page.html"))

@@ -48,12 +48,15 @@ class Handle:
         In m.
     first, last : float
         When it is asked, in s.
+    radius : float
+        Of a log, in m; 0 for a target.
     """
 
     name: str
     position: np.ndarray
     first: float
     last: float
+    radius: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,7 @@ class EditableMotion:
     def handles(self, motion: Motion) -> list[Handle]:
         """What can be dragged of a variant: targets and logs at a place fixed in space."""
         return [
-            Handle(name, place, step.time - step.duration, step.time)
+            Handle(name, place, step.time - step.duration, step.time, _radius(name, step))
             for number, step in enumerate(motion.steps)
             for name, place, part in _places(number, step)
             if part in self._ends
@@ -195,6 +198,10 @@ def _places(number: int, step: Step) -> Iterator[tuple[str, np.ndarray, Part]]:
             yield f"{number}:{n}", np.asarray(target.position), part
     if wrap is not None and step.log is not None and step.log.center is not None:
         yield f"{number}:{LOG}", np.asarray(step.log.center), wrap
+
+
+def _radius(name: str, step: Step) -> float:
+    return step.log.radius if step.log is not None and name.endswith(LOG) else 0.0
 
 
 def _is_last(motion: Motion, number: int) -> bool:

@@ -41,17 +41,21 @@ def smooth_plan(plan: Plan, handles: Sequence[Handle], hurry: Callable[[], bool]
 def _update(
     content: Update, plan: Plan, moments: Sequence[Moment], handles: Sequence[Handle]
 ) -> Update:
-    content["shown"] = shown_solids(plan, moments)
-    content["handles"] = [
+    return {**content, "shown": shown_solids(plan, moments), "handles": handle_entries(handles)}
+
+
+def handle_entries(handles: Sequence[Handle]) -> list[Update]:
+    """Handles as the page takes them."""
+    return [
         {
             "name": handle.name,
             "position": handle.position.tolist(),
+            "radius": handle.radius,
             "from": handle.first,
             "to": handle.last,
         }
         for handle in handles
     ]
-    return content
 
 
 def _planned_places(plan: Plan) -> Places:

@@ -7,8 +7,7 @@ takes longer than a moment ends early where another message waits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -22,9 +21,10 @@ from ..planning.replanning import Replanner
 from ..planning.status import Status
 from ..reporting import Progress, Reporter
 from ..scene.moments import moments_at
-from .live_edits import EditableMotion, Edits
+from .bundle import bundled
+from .live_edits import EditableMotion, Edits, Handle
 from .live_messages import Drag, Inbox, Message
-from .live_payload import Update, outcome, quick_plan, smooth_plan
+from .live_payload import Update, handle_entries, outcome, quick_plan, smooth_plan
 from .payload import payload
 
 DEADLINE = 0.03  # s, for a plan while something is dragged
@@ -80,38 +80,35 @@ class LiveSession:
         self._replan, self._planned = self._replanner(plan), plan
         self._start = moments_at(plan, np.zeros(1))[0]
 
-    def first_page(self) -> dict[str, Any]:
-        """Data of the page as it opens; see `payload`."""
-        motion = self.plan.motion
-        choices = {
-            "muscles": list(motion.trunk.muscles),
-            "bounds": list(motion.spec.bounds.activation),
-        }
-        return {**payload([self.plan]), "live": choices}
+    def page(self, socket: str) -> str:
+        """Text of the page as it opens; `socket` is the address that it connects to."""
+        return bundled(payload([self.plan]), socket)
 
     def first_update(self) -> Update:
-        """State of the page as it opens."""
-        return {"plan": quick_plan(self.plan, self._start, self._handles()), **_checked(self.plan)}
+        """What the page gets once it is connected."""
+        return {"plan": {"handles": handle_entries(self._handles())}, "status": outcome(self.plan)}
 
     def run(self) -> Iterator[Update]:
         """Answer messages until the inbox is closed."""
         while messages := self._inbox.take():
             number = max(message.n for message in messages)
+            faults = [fault for message in messages if (fault := self._changed(message))]
+            about = {"answers": number, "fault": " ".join(faults)}
             try:
-                for update in self._answers(messages):
-                    yield {**update, "answers": number}
+                for update in self._plans(messages[-1].done, len(faults) < len(messages)):
+                    yield {**update, **about}
             except TrunkError as error:
-                yield {"answers": number, "fault": str(error)}
+                yield {**about, "fault": str(error)}
 
-    def _answers(self, messages: Sequence[Message]) -> Iterator[Update]:
+    def _plans(self, done: bool, changed: bool) -> Iterator[Update]:
         """Updates of the page after some messages."""
-        faults = [fault for message in messages if (fault := self._changed(message))]
-        yield {"fault": " ".join(faults)}
-        if messages[-1].done:
+        if done:
             yield {"status": PLANNING}
             yield from self._finished()
-        elif len(faults) < len(messages):
+        elif changed:
             yield from self._followed()
+        else:
+            yield {}
 
     def _changed(self, message: Message) -> str:
         """Make a change; returns the sentence on what is wrong with it, or nothing."""
@@ -140,7 +137,7 @@ class LiveSession:
 
     def _followed(self) -> Iterator[Update]:
         """Plans while something is dragged: until one converges, or another message comes."""
-        slow = self._motion.contact or self._motion.spec.weights.symmetric
+        slow = self._planned.gaps or self._motion.spec.weights.symmetric
         for _ in range(ROUNDS):
             plan = self._replanned(IPOPT_DEADLINE if slow else DEADLINE)
             usable = plan is not None and plan.solves[-1].infeasibility <= FEASIBILITY_TOL
@@ -168,7 +165,7 @@ class LiveSession:
             yield self._shown(plan, CHECKING)
         if plan.check() is Status.SOLVED:
             self.solved = plan
-        yield _checked(plan)
+        yield {"status": outcome(plan)}
         smooth = smooth_plan(plan, self._handles(), lambda: self._inbox.waiting)
         if smooth is not None:
             yield {"plan": smooth}
@@ -194,9 +191,5 @@ class LiveSession:
     def _shown(self, plan: Plan, status: Update) -> Update:
         return {"plan": quick_plan(plan, self._start, self._handles()), "status": status}
 
-    def _handles(self) -> list[Any]:
+    def _handles(self) -> list[Handle]:
         return self._editable.handles(self.plan.motion)
-
-
-def _checked(plan: Plan) -> Update:
-    return {"status": outcome(plan)}
