@@ -102,6 +102,11 @@ class Inbox:
         """Whether the planner should come back soon."""
         return bool(self._messages) or self.closed
 
+    def wait(self, seconds: float) -> bool:
+        """Wait so long for a message; returns whether there is one."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self.waiting, seconds)
+
     def put(self, message: Message) -> None:
         """Add a message; it replaces one on the same subject, and `reset` replaces all.
 

@@ -29,6 +29,7 @@ from .payload import payload
 
 DEADLINE = 0.03  # s, for a plan while something is dragged
 IPOPT_DEADLINE = 0.3  # s, where Ipopt plans, whose first iterates may violate bounds
+STILL = 0.25  # s without a move, until the plan is improved: before, the page needs the processor
 ROUNDS = 40  # plans under a deadline, until one converges
 FARTHEST = 10.0  # trunk lengths from the base; nothing is dragged beyond
 NOT_CHECKED = {"text": "not checked yet: let go", "state": "open"}
@@ -146,7 +147,7 @@ class LiveSession:
                 yield self._shown(plan, NOT_CHECKED)
             else:
                 yield {"status": PLANNING}
-            if plan is None or not plan.late or self._inbox.waiting:
+            if plan is None or not plan.late or self._inbox.wait(STILL):
                 break
 
     def _finished(self) -> Iterator[Update]:

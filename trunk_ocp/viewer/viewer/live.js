@@ -15,6 +15,7 @@ class Planner {
     this.sent = 0; // the number of the last message
     this.answered = 0;
     this.waiting = null; // the newest drag that was not sent yet
+    this.sentAt = null; // time in ms of the event behind the last message, until its plan is there
     this.socket = new WebSocket(`ws://${location.host}/socket${location.search}`);
     this.socket.addEventListener("message", ({ data }) => {
       const update = JSON.parse(data);
@@ -60,9 +61,15 @@ class LivePage {
   receive({ plan, status, fault, answers }) {
     if (plan) this.change(plan);
     if (status) this.say(status);
-    if (plan || status) this.page.showPlan({ ...this.about, plans: [{ ...this.plan, trunk: null }] });
+    if (plan || (status && status.state !== "busy")) this.show(status?.state === "open");
     if (fault !== undefined) setText(byId("live-fault"), fault);
-    if (plan && answers === this.planner.sent) this.measure(this.planner.sentAt);
+    if (plan && answers === this.planner.sent) this.measure();
+  }
+
+  /** Show the plan; where a frame takes long, the plots wait until nothing is dragged. */
+  show(dragged) {
+    const quick = dragged && this.page.stage?.software;
+    this.page.showPlan({ ...this.about, plans: [{ ...this.plan, trunk: null }] }, { quick });
   }
 
   change({ shown, ...changes }) {
@@ -77,8 +84,11 @@ class LivePage {
     this.plan = { ...this.plan, status: text, solved: state !== "bad", objective };
   }
 
-  /** Note how long the answer to an event took, after it is drawn. */
-  measure(at) {
+  /** Note how long the first plan after an event took until it was drawn. */
+  measure() {
+    const at = this.planner.sentAt;
+    if (at === null) return;
+    this.planner.sentAt = null;
     requestAnimationFrame(() => {
       this.delays.push(performance.now() - at);
       if (this.delays.length > MOST_DELAYS) this.delays.shift();
