@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/ready
 OLDEST := .venv-oldest
+COMPILER := .venv-compiler
+MODULE := trunk_ocp/viewer/viewer/physics.wasm
 PIP := -m pip install --quiet --disable-pip-version-check
 # One thread for each solver: the tests and studies run several processes.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
@@ -10,7 +12,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 TESTS := --numprocesses=2 --dist=worksteal
 
 .PHONY: help venv motion pictures results test test-fast test-oldest coverage lint docs frameworks trust \
-  study examples bench realtime contact schema lock clean
+  study examples bench realtime contact module schema lock clean
 
 help:  ## List these targets.
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -82,6 +84,12 @@ realtime: venv  ## Whether the planner fits in a control loop: results/realtime.
 contact: venv  ## What contact costs in each motion: results/contact.md.
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.contact
 
+# The compiler is 100 MB to download and 440 MB on disk, so it has a folder of its own.
+module: venv  ## Compile the physics of the page, trunk_ocp/viewer/viewer/physics.wasm.
+	$(PYTHON) -m venv $(COMPILER)
+	$(COMPILER)/bin/python $(PIP) ziglang==0.17.1
+	$(BIN)/python -m trunk_ocp.codegen.webassembly $(MODULE) $(COMPILER)/bin/python
+
 schema: venv  ## Write the JSON Schema of problem files.
 	$(BIN)/trunk-ocp schema > problems/problem.schema.json
 
@@ -92,4 +100,4 @@ lock: venv  ## Update the pinned development tools in requirements.lock.
 	  --output-file requirements.lock
 
 clean:  ## Remove the environments.
-	rm -rf .venv $(OLDEST)
+	rm -rf .venv $(OLDEST) $(COMPILER)

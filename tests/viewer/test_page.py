@@ -1,20 +1,14 @@
-"""The page of a motion, in a real browser: headless Chromium, with WebGL in software.
-
-Screenshots are kept in the folder that TRUNK_OCP_SCREENSHOTS names, or else in pytest's own.
-"""
+"""The page of a motion, in a real browser."""
 
 import base64
 import json
-import os
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import PHONE, picture, settled, until
 from plans import POINT, TOUCH, planned, soft_rod, written
-from playwright.sync_api import sync_playwright
-from programs import CHROMIUM, needs
 
 from trunk_ocp.errors import InputError
 from trunk_ocp.model.solids import in_head_frame, signed_distance
@@ -29,19 +23,7 @@ from trunk_ocp.viewer.payload import MAX_SAMPLES, payload, sample_times
 
 pytestmark = pytest.mark.slow
 
-ARGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
-LARGEST = 3_000_000  # bytes of a page
+LARGEST = 1_500_000  # bytes of a page
 
 # A trunk of two segments with its own muscle group, on one side, that reaches the center.
 OTHER_TRUNK = soft_rod("other", ("[0.0, 0.5]", "[0.5, 1.0]"), radius="0.1")
@@ -53,86 +35,6 @@ sector = [0.2, 1.5], sides = ["R"] },
 """
 FAR = "tolerance = { position = 1.0 }\n[bounds]"
 EVIL = "</script><script>window.evil = 1</script><img src=x onerror='window.evil = 2'>&amp;{{data}}"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    needs(CHROMIUM)
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGS)
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("page")
-
-
-@pytest.fixture(scope="module")
-def pages(folder):
-    """Pages by name."""
-    both = [planned("lift-log", mode) for mode in ("sequential", "horizon")]
-    return {
-        "both": write_page(both, folder / "both" / "motion.html"),
-        "fruit": write_page([planned("pick-fruit", "sequential")], folder / "motion.html"),
-    }
-
-
-@pytest.fixture
-def visit(browser, request, tmp_path):
-    """Open a page, which does not start by itself; it may cause no error and no request."""
-    faults, tabs = [], []
-
-    def console(message):
-        if message.type == "error":
-            faults.append(message.text)
-
-    def requested(request):
-        if not request.url.startswith("file://") or not request.url.endswith(".html"):
-            faults.append(f"asked for {request.url}")
-
-    def opened(path, size=LAPTOP, **options):
-        context = browser.new_context(
-            viewport=size, offline=True, reduced_motion="reduce", **options
-        )
-        tab = context.new_page()
-        tab.on("console", console)
-        tab.on("pageerror", lambda error: faults.append(str(error)))
-        tab.on("request", requested)
-        tab.goto(path.as_uri())
-        tab.wait_for_selector("body[data-ready]")
-        tabs.append(tab)
-        return tab
-
-    yield opened
-    shots = Path(os.environ.get("TRUNK_OCP_SCREENSHOTS", tmp_path))
-    shots.mkdir(parents=True, exist_ok=True)
-    for number, tab in enumerate(tabs):
-        name = re.sub(r"\W+", "-", request.node.name).strip("-")
-        tab.screenshot(path=shots / f"{name}-{number}.png", full_page=True)
-        tab.context.close()
-    assert not faults
-
-
-def settled(tab):
-    """Wait until the last change is drawn."""
-    tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
-
-
-def until(tab, condition):
-    """Wait for a condition; the page's security policy forbids playwright's own way."""
-    tab.evaluate(
-        f"""() => new Promise((done) => {{
-          const look = () => ({condition} ? done() : requestAnimationFrame(look));
-          look();
-        }})"""
-    )
-
-
-def picture(tab):
-    settled(tab)
-    return tab.locator("#canvas").screenshot()
 
 
 def curve(tab, name, plot=0):

@@ -27,7 +27,7 @@ LAZY_COMMANDS = {
     "finished_runs": {
         "convert": "Write a finished run as files for Blender, ParaView and OpenSim.",
         "explain": "Explain a finished run: why it failed, or what limits it.",
-        "view": "Open the interactive page of a finished run in a browser.",
+        "view": "Open the interactive page of a finished run, or of a trunk, in a browser.",
     },
     "export_model": {
         "export": "Write the trunk model (activations, head, loads to shape) as code.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from rich.console import Console
@@ -74,6 +75,11 @@ def _run_folder(run: str) -> Path:
             "the folder of results instead of the problem file."
         )
     return folder
+
+
+def folder_name(name: str) -> str:
+    """Turn the name of an anatomy or a problem into one that any file system accepts."""
+    return re.sub(r"[^\w.]+", "-", name)[:50].strip("-") or "trunk"
 
 
 def print_plain(console: Console, text: str) -> None:

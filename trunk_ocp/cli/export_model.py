@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from ..codegen.formats import FORMATS, check_export, export
 from ..codegen.request import CheckError
 from ..codegen.shape_model import MIN_ELEMENTS
 from ..codegen.subject import load_subject
+from .common import folder_name
 from .exit_codes import NOT_VERIFIED
 from .option_types import number_option, out_option
 from .safe_streams import standard_output
@@ -79,7 +79,7 @@ def export_command(
     """
     console = Console(file=standard_output(), highlight=False)
     model = load_subject(subject)
-    folder = out or Path("export") / f"{_folder_name(model.name)}-{to}"
+    folder = out or Path("export") / f"{folder_name(model.name)}-{to}"
     with console.status("writing"):
         files = export(
             model,
@@ -96,11 +96,6 @@ def export_command(
         console.print(str(path), markup=False, soft_wrap=True)
     if check:
         _check(console, folder, to, what)
-
-
-def _folder_name(name: str) -> str:
-    """Turn the name of an anatomy or a problem into one that any file system accepts."""
-    return re.sub(r"[^\w.]+", "-", name)[:50].strip("-") or "trunk"
 
 
 def _check(console: Console, folder: Path, to: str, what: str) -> None:

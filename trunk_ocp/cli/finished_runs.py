@@ -11,16 +11,18 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from .._support.toml_files import printable
+from .._support.toml_files import is_file, printable
 from ..analysis.bound_sensitivity import effects
 from ..analysis.diagnosis import explain, save_diagnosis
+from ..codegen.subject import is_problem
 from ..errors import InputError
+from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
 from ..planning.plan import Plan
 from ..planning.results_folder import hashes
 from ..planning.status import Status
 from ..planning.storage import SOLUTION, finite
 from .commands import resume_command
-from .common import load_run, print_outcome, print_plain
+from .common import folder_name, load_run, print_outcome, print_plain
 from .tables import finding_lines, history_table
 
 RESPONSES = "If a bound were relaxed by 1 % (or as stated, if it is 0) and the motion replanned:"
@@ -68,15 +70,39 @@ def _explain(plan: Plan, folder: Path, console: Console) -> object:
 
 
 @click.command("view")
-@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@click.argument("subject", metavar="PROBLEM|DIR|ANATOMY", default="pick-fruit")
 @click.option("--no-browser", is_flag=True, help="Write the page and print its path only.")
-def view_command(run: str, no_browser: bool) -> None:
-    """Open the interactive page of a finished run in a browser.
+def view_command(subject: str, no_browser: bool) -> None:
+    """Open the interactive page of a finished run, or of a trunk, in a browser.
 
-    Rotate the trunk, play the motion, select muscles. The page is one file, motion.html, that
-    works without a server or a network connection; it is written again from the plans first.
-    Takes a few seconds.
+    Rotate the trunk, play the motion, select muscles; try muscles, head and loads yourself, and
+    drag the trunk. A shipped anatomy (asian-elephant) or an anatomy file needs no run: its page
+    shows the trunk at rest. The page is one file, motion.html or trunk.html, that works without a
+    server or a network connection; it is written again first. Takes a few seconds.
     """
+    trunk = _trunk(subject)
+    page = (_page_of_run(subject) if trunk is None else _page_of_trunk(trunk)).resolve()
+    click.echo(printable(str(page)))
+    if not no_browser and not webbrowser.open(page.as_uri()):
+        click.echo("No browser found; open this file in a browser yourself.", err=True)
+
+
+def _trunk(subject: str) -> Trunk | None:
+    """The trunk of a shipped anatomy or an anatomy file; None if that is not what is meant."""
+    path = Path(subject)
+    names = {file.stem for file in anatomies_folder().glob("*.toml")}
+    is_name = subject in names and not path.is_dir()
+    is_anatomy_file = path.suffix == ".toml" and is_file(path) and not is_problem(path)
+    return load_anatomy(subject) if is_name or is_anatomy_file else None
+
+
+def _page_of_trunk(trunk: Trunk) -> Path:
+    from ..viewer import write_page
+
+    return write_page(trunk, Path("results") / folder_name(trunk.name) / "trunk.html")
+
+
+def _page_of_run(run: str) -> Path:
     from ..viewer import write_page
     from .run_figures import PAGE
 
@@ -84,10 +110,7 @@ def view_command(run: str, no_browser: bool) -> None:
     plans = _plans_of_newest_problem(plans)
     pair = [plan for plan in plans.values() if plan.mode != "receding"] or [*plans.values()]
     order = sorted(pair, key=lambda plan: plan.mode == "horizon")  # as in solve-motion
-    page = write_page(order[:2], folder / PAGE).resolve()
-    click.echo(printable(str(page)))
-    if not no_browser and not webbrowser.open(page.as_uri()):
-        click.echo("No browser found; open this file in a browser yourself.", err=True)
+    return write_page(order[:2], folder / PAGE)
 
 
 def _plans_of_newest_problem(plans: dict[Path, Plan]) -> dict[Path, Plan]:

@@ -80,7 +80,7 @@ def _sizes(request: Request) -> Iterable[str]:
 def _source(request: Request) -> str:
     """trunk.c: numbers, kernels, and the fixed text."""
     parts = ["head.c", "elements.c", "solve.c", "shape.c", "unloaded.c"]
-    kernels = _shape_kernels(request.model)
+    kernels = shape_kernels(base(request.model.trunk.head))
     if request.what == "jacobian" or request.second:
         parts.append("jacobian.c")
     if request.second:
@@ -128,6 +128,7 @@ def _tables(model: Model) -> Iterable[str]:
     yield _table("muscle_strain", [size, "4"], strain)
     floor = 1e-3 * float(stiffness(model.trunk, 0.0)[1]) / model.trunk.length
     yield f"static const double small_moment = {floor!r};  /* N m, for tiny loads */"
+    yield "#define head_numbers NULL  /* the head's kernels have its numbers */"
 
 
 def _input_names(model: Model) -> list[str]:
@@ -164,10 +165,12 @@ def _braces(value: object) -> str:
     return value if isinstance(value, str) else repr(value)
 
 
-def _shape_kernels(model: Model) -> list[str]:
-    """Kernels of `elements.c`, `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c`."""
+def shape_kernels(head: ca.Function) -> list[str]:
+    """Kernels of `elements.c`, `solve.c`, `shape.c`, `unloaded.c` and `jacobian.c`.
+
+    head : pose of the base, as `rod_space_axes.base`
+    """
     frame, force = _part(rates(), slice(0, 4)), _part(rates(), slice(4, 10))
-    head = base(model.trunk.head)
     return [
         _kernel(frame, "frame_rates", lanes=True),
         _kernel(_slopes(frame, range(12)), "frame_slopes", lanes=True),

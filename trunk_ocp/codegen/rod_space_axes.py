@@ -21,7 +21,7 @@ import casadi as ca
 
 from ..model.anatomy import Head
 from ..model.head import base_pose
-from ..model.quaternions import cross, directors, dot, product
+from ..model.quaternions import Scalar, cross, directors, dot, product
 from ..rod.equations import loaded_curvature, loaded_extension
 
 TERMS = 10  # of a series in theta^2 <= 1: the next one is 1 / 20! of the first
@@ -71,9 +71,21 @@ def _strains(w: ca.SX, p: ca.SX) -> tuple[tuple[tuple[ca.SX, ...], ...], ca.SX, 
 @lru_cache(maxsize=64)
 def base(head: Head) -> ca.Function:
     """Orientation q (4) and position r (3) of the base from psi_Z, psi_Y; p is empty."""
+    return _base(head, ca.SX.sym("p", 0))
+
+
+@cache
+def base_of_any_head() -> ca.Function:
+    """The same, where p (4) has the head: pivot radius in m; xi_z, xi_y, xi_d in rad."""
+    p = ca.SX.sym("p", 4)
+    numbers: list[Scalar] = ca.vertsplit(p)
+    return _base(Head(*numbers), p)
+
+
+def _base(head: Head, p: ca.SX) -> ca.Function:
     psi = ca.SX.sym("psi", 2)
     r, q = base_pose(head, psi[0], psi[1])
-    return _kernel("base", psi, ca.SX.sym("p", 0), [*q, *r])
+    return _kernel("base", psi, p, [*q, *r])
 
 
 @cache

@@ -20,10 +20,10 @@ def load_subject(name_or_path: str) -> Motion | Trunk:
         If there is no such name or file, or the file is invalid.
     """
     path = shipped(name_or_path, anatomies_folder(), problems_folder())
-    return load_motion(path) if _is_problem(path) else load_anatomy(path)
+    return load_motion(path) if is_problem(path) else load_anatomy(path)
 
 
-def _is_problem(path: Path) -> bool:
+def is_problem(path: Path) -> bool:
     """Whether a file is a problem; either reader reports a file that cannot be parsed."""
     try:
         content = tomllib.loads(read_bytes(path, MAX_FILE_SIZE).decode())

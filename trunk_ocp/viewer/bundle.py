@@ -1,11 +1,12 @@
 """One HTML file from template, style, viewer modules, three.js and data.
 
-The viewer is written as ES modules, which browsers do not load from disk. In the page they share
-one scope: in the order of `MODULES`, without import lines and export keywords.
+The viewer is written as ES modules, which browsers do not load from disk. In the page each is a
+function that returns what it exports, in the order of `MODULES`: each after those that it imports.
 """
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 import re
@@ -28,11 +29,17 @@ MODULES = (
     "axes",
     "bar",
     "controls",
+    "sliders",
+    "trial",
+    "drag",
+    "follow",
+    "physics",
+    "tryit",
     "main",
 )
 LIVE_MODULES = ("targets_drag", "live_panel", "live")
-IMPORT = re.compile(r"^import [^;]*;\n", re.MULTILINE)
-EXPORT = re.compile(r"^export (?=function|class|const)", re.MULTILINE)
+IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
+EXPORT = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 
 
 def bundled(data: dict[str, Any], socket: str | None = None) -> str:
@@ -51,7 +58,8 @@ def bundled(data: dict[str, Any], socket: str | None = None) -> str:
         "license": _read("vendor/LICENSE"),
         "three": _read("vendor/three.min.js"),
         "data": embedded(data),
-        "viewer": "\n".join(_module(name) for name in MODULES + LIVE_MODULES * live),
+        "module": base64.b64encode(_bytes("viewer/physics.wasm")).decode("ascii"),
+        "viewer": "\n".join(["const modules = {};", *map(_module, MODULES + LIVE_MODULES * live)]),
     }
     # In one pass, so that {{names}} inside a part are never replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read("viewer/page.html"))
@@ -64,9 +72,16 @@ def embedded(data: dict[str, Any]) -> str:
 
 
 def _module(name: str) -> str:
-    """A module of the viewer without imports and exports, to share one scope with the others."""
-    return EXPORT.sub("", IMPORT.sub("", _read(f"viewer/{name}.js")))
+    """A module of the viewer as a function with a scope of its own, called at once."""
+    text = _read(f"viewer/{name}.js")
+    exported = ", ".join(name for _, name in EXPORT.findall(text))
+    body = EXPORT.sub(r"\1", IMPORT.sub(r"const \1 = modules.\2;", text))
+    return f"modules.{name} = (() => {{\n{body}\nreturn {{ {exported} }};\n}})();"
 
 
 def _read(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding="utf-8")
+    return _bytes(name).decode("utf-8")
+
+
+def _bytes(name: str) -> bytes:
+    return (files(__package__) / name).read_bytes()

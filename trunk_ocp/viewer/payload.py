@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -31,9 +30,10 @@ from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
 from ..scene.surroundings import Mark, Places, logs, marks, tip_mass
+from .physics_tables import physics_tables
+from .sections import Grid, section_grid
 from .try_it import plan_controls
 
-SECTIONS = 48  # cross-sections along the trunk, about
 SAMPLE_RATE = 25.0  # per second of motion
 MIN_SAMPLES, MAX_SAMPLES = 24, 120  # of a motion, however short or long
 
@@ -189,29 +189,12 @@ def _marks(plan: Plan, at: Places | None) -> list[tuple[Step, Mark]]:
     return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number, at)]
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Points Z (n,) in m of the cross-sections; segment i begins at index `edges[i]`."""
-
-    Z: np.ndarray
-    edges: tuple[int, ...]
-
-
-def section_grid(trunk: Trunk) -> Grid:
-    """Cross-sections of a trunk; every edge between segments has one."""
-    Z, edges = [np.zeros(1)], [0]
-    for start, end in pairwise(trunk.edges):
-        intervals = max(4, round(SECTIONS * (end - start) / trunk.length))
-        Z.append(np.linspace(start, end, intervals + 1)[1:])
-        edges.append(edges[-1] + intervals)
-    return Grid(np.concatenate(Z), tuple(edges))
-
-
 def trunk_of(trunk: Trunk, grid: Grid) -> dict[str, Any]:
     """The bodies of a trunk on a grid of cross-sections."""
     return {
         "Z": encoded(grid.Z),
         "taper": encoded(trunk.taper(grid.Z)),
+        "tables": physics_tables(trunk),
         "radius": trunk.base_radius,
         "length": trunk.length,
         "colors": group_colors(trunk),

@@ -13,7 +13,8 @@ from ..model.solids import pivot
 from ..problem.step_solids import head_solids
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
-from .payload import encoded, frames_of, section_grid, solid_entry, trunk_of
+from .payload import encoded, frames_of, solid_entry, trunk_of
+from .sections import section_grid
 from .try_it import trunk_controls
 
 

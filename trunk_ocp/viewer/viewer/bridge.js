@@ -9,7 +9,7 @@
  * - "drag" {what: "target" or "trunk", name, position, done}: a target, by its name in the problem
  *   file, or a point of the trunk ("Z = 1.75") is pulled to a position in m; `done` when let go.
  *
- * Nobody listens by default. Targets can be dragged only while someone listens to "drag".
+ * Nobody listens by default. Only a live page has targets that can be dragged.
  */
 export const bridge = {
   handlers: new Map(),
@@ -23,11 +23,6 @@ export const bridge = {
 
   emit(name, detail) {
     for (const handler of this.handlers.get(name) ?? []) handler(detail);
-  },
-
-  /** Whether anyone listens to events of a name. */
-  heard(name) {
-    return Boolean(this.handlers.get(name)?.size);
   },
 };
 

@@ -10,11 +10,11 @@ export function makeSections(trunk) {
   const n = trunk.taper.length;
   return {
     n,
-    position: new Float32Array(3 * n),
-    d1: new Float32Array(3 * n),
-    d2: new Float32Array(3 * n),
-    d3: new Float32Array(3 * n),
-    scale: new Float32Array(n),
+    position: new Float64Array(3 * n),
+    d1: new Float64Array(3 * n),
+    d2: new Float64Array(3 * n),
+    d3: new Float64Array(3 * n),
+    scale: new Float64Array(n),
   };
 }
 
@@ -26,6 +26,15 @@ export function writeSections(sections, plan, t) {
   for (let j = 0; j < n; j++) {
     scale[j] = mixed(plan.frames.scale, n, j, instant);
     writeDirectors(sections, j, quaternionAt(plan.frames.quaternion, n, j, instant));
+  }
+}
+
+/** Cross-sections of a shape that physics.js found, with the scale that keeps the volume. */
+export function writeSolution({ n, position, d1, d2, d3, scale }, solution, { taper }) {
+  position.set(solution.position);
+  for (let j = 0; j < n; j++) {
+    [d1, d2, d3].forEach((d, i) => d.set(solution.directors.subarray(9 * j + 3 * i, 9 * j + 3 * i + 3), 3 * j));
+    scale[j] = solution.scale * taper[j];
   }
 }
 

@@ -10,9 +10,11 @@ import { Plots } from "./plots.js";
 import { listenToBar, placeLabels, writeBar, writeLabels } from "./bar.js";
 import { buildBoxes, drawLegend, listenToKeys, stopsOf, writeSymbolLegend } from "./controls.js";
 import { byId, setText } from "./elements.js";
+import { TryIt } from "./tryit.js";
 
 let plans = [];
 let stage = null;
+let tryIt = null; // as long as there is a stage
 const clock = new Clock(0, draw);
 const plots = new Plots(byId("plots"), { seek, pick: select });
 const axes = new Axes(byId("axes"));
@@ -35,10 +37,11 @@ function start() {
   listenToBar(clock, actions);
   listenToKeys(clock, () => stopsOf(plans[0]), actions);
   listenToPanel();
-  connectParent({ plan: showPlan, time: ({ time }) => seek(time) });
-  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
+  connectParent({ plan: showPlan, time: ({ time }) => seek(time), controls: setControls });
   document.body.dataset.ready = "yes";
   bridge.emit("ready", {});
+  if (plans.every(({ still }) => still)) switchTrying(true);
+  else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) clock.play();
 }
 
 /**
@@ -65,6 +68,30 @@ export function showPlan(payload, { quick = false } = {}) {
   writeLabels(stage ? plans : []);
   drawLegend(look.largest);
   dress();
+  if (tryIt?.isOpen) switchTrying(true);
+}
+
+/** Start or end trying controls at the instant shown. */
+async function switchTrying(on) {
+  if (!tryIt || (!on && document.body.dataset.still === "true")) return;
+  clock.pause();
+  document.body.dataset.trying = on;
+  byId("try-button").setAttribute("aria-pressed", on);
+  byId("show-panel").open = !on;
+  if (on) await tryIt.open(plans, clock.time);
+  else tryIt.close();
+  dress();
+}
+
+/** Try controls: {activation, head, mass} in the order of the anatomy, rad and kg; some or all. */
+export async function setControls({ activation, head, mass }) {
+  if (!tryIt) return;
+  if (!tryIt.isOpen) await switchTrying(true);
+  tryIt.edit((trial) => {
+    if (activation) trial.activation = [...activation];
+    if (head) trial.head = [...head];
+    if (mass !== undefined) trial.mass = mass;
+  });
 }
 
 /** Check boxes for the parts of other trunks than before; at first, what shows the trunk best. */
@@ -77,13 +104,18 @@ function startLook(first) {
 }
 
 function openStage() {
-  if (hasWebGL()) return new Stage(byId("canvas"), plans, select, () => clock.wake());
+  if (hasWebGL()) {
+    const opened = new Stage(byId("canvas"), plans, select, () => clock.wake());
+    tryIt = new TryIt(opened, look, () => clock.wake());
+    return opened;
+  }
   byId("no-webgl").hidden = false;
-  for (const id of ["canvas", "axes", "legend", "symbols"]) byId(id).hidden = true;
+  for (const id of ["canvas", "axes", "keys", "try-button", "reset"]) byId(id).hidden = true;
   return null;
 }
 
 function listenToPanel() {
+  byId("try-button").addEventListener("click", actions.tryIt);
   byId("muscle").addEventListener("change", () => select(byId("muscle").value || null));
   byId("color-by").addEventListener("change", () => {
     look.colorBy = byId("color-by").value;
@@ -93,7 +125,10 @@ function listenToPanel() {
 
 /** What buttons and keys do. */
 const actions = {
-  toggle: () => clock.toggle(),
+  toggle: () => {
+    if (tryIt?.isOpen) switchTrying(false);
+    clock.toggle();
+  },
   seek,
   help: () => byId("help").showModal(),
   switchColors: () => {
@@ -102,8 +137,8 @@ const actions = {
     choice.dispatchEvent(new Event("change"));
   },
   resetView: () => stage?.reset(),
-  tryIt: () => {},
-  escape: () => select(null),
+  tryIt: () => switchTrying(!tryIt?.isOpen),
+  escape: () => (look.selected === null && tryIt?.isOpen ? switchTrying(false) : select(null)),
   nudge: (...by) => stage?.nudge(...by),
 };
 
@@ -122,6 +157,7 @@ function part(key, on) {
 function seek(time) {
   clock.playing = false;
   clock.seek(time);
+  if (tryIt?.isOpen) tryIt.reset(clock.time);
 }
 
 /** Highlight a muscle in scenes and plots; null for none. */
@@ -140,6 +176,7 @@ function dress() {
 }
 
 function draw(time) {
+  tryIt?.advance();
   stage?.show(time);
   plots.show(time);
   if (stage) {
@@ -166,12 +203,15 @@ function writeSelected(time) {
 
 /** For tests, for modules that connect the page to a server, and for the browser's console. */
 globalThis.trunkPage = {
-  clock, look, seek, select, bridge, showPlan,
+  clock, look, seek, select, bridge, showPlan, setControls,
   get plans() {
     return plans;
   },
   get stage() {
     return stage;
+  },
+  get trial() {
+    return tryIt?.trial ?? null;
   },
 };
 

@@ -5,7 +5,7 @@ import { circle, makeSections, makeTube, writeSections, writeTube } from "./geom
 import { activationColor } from "./colors.js";
 import { instantAt, mixed, mixedRow } from "./data.js";
 import { fade, linedMaterial, skinMaterial, solidMaterial } from "./materials.js";
-import { Symbols } from "./symbols.js";
+import { PullLine, Symbols } from "./symbols.js";
 
 const COLORS = { core: 0xcfc6bd, log: 0x8a6540, mass: 0x7a3b69, stale: 0xb9b4ae };
 const WATER = 1000; // kg/m^3; a mass at the tip is drawn as a ball of water
@@ -13,14 +13,15 @@ const WATER = 1000; // kg/m^3; a mass at the tip is drawn as a ball of water
 /**
  * The scene of a plan; `show(time)` moves it, `dress(look)` colors and hides.
  *
- * While the user tries controls, `tried` has {sections, activation, head, mass, stale}, which are
- * shown instead of the plan's.
+ * While the user tries controls, `tried` has {sections, activation, head, mass, stale, pull}, which
+ * are shown instead of the plan's.
  */
 export class PlanScene {
   constructor(plan) {
     this.plan = plan;
     this.tried = null;
-    this.sections = makeSections(plan.trunk);
+    this.planned = makeSections(plan.trunk);
+    this.sections = this.planned;
     this.scene = new THREE.Scene();
     this.model = new THREE.Group();
     this.model.rotation.x = Math.PI / 2; // +Z of the model points down
@@ -29,7 +30,8 @@ export class PlanScene {
     this.cores = coreTubes(plan.trunk).map((tube) => this.body(tube, solidMaterial(COLORS.core)));
     this.skin = this.body(skinTube(plan.trunk), skinMaterial());
     this.mass = new THREE.Mesh(new THREE.SphereGeometry(1, 32, 20), solidMaterial(COLORS.mass));
-    this.model.add(this.mass);
+    this.pullLine = new PullLine();
+    this.model.add(this.mass, this.pullLine.mesh);
     this.surround();
   }
 
@@ -81,14 +83,15 @@ export class PlanScene {
   show(time) {
     const t = Math.min(time, this.plan.duration);
     const instant = instantAt(this.plan, t);
-    if (this.tried) this.sections = this.tried.sections;
-    else writeSections(this.sections, this.plan, t);
+    this.sections = this.tried?.sections ?? this.planned;
+    if (!this.tried) writeSections(this.sections, this.plan, t);
     for (const mesh of [...this.muscles, ...this.cores, this.skin]) {
       if (mesh.visible) this.move(mesh);
     }
     this.showObjects(instant);
     this.showSolids(instant);
     this.symbols.show(t);
+    this.pullLine.show(this.tried?.pull, this.sections, this.plan.trunk.tables.Z);
     const [z, y] = this.tried?.head ?? mixedRow(this.plan.head, 2, instant);
     this.head.rotation.set(0, y, z, "ZYX"); // about Y first, then Z, as in model/head.py
     if (this.look) this.color(instant);

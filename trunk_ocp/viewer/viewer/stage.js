@@ -8,7 +8,7 @@ const FIELD_OF_VIEW = 32; // degrees, vertical
 const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at the start, rad
 const CLICK_DISTANCE = 5; // px that a pointer may move in a click
 const BACKGROUND = 0xf6f5f2;
-const INSETS = { left: 12, right: 12, top: 34, bottom: 22 }; // px of a view that stay free
+const INSETS = { left: 12, right: 12, top: 50, bottom: 20 }; // px of a view that stay free
 
 export class Stage {
   /** A click calls `onPick(name or null)`, a change of the view `onChange()`. */

@@ -8,10 +8,11 @@ import { isCurrent } from "./data.js";
 
 const DOT = { now: 0x111111, other: 0x8d8d8d };
 export const ARROW_COLORS = ["#0A7D5A", "#7A4FC0", "#CC0055"]; // of d1, d2, d3
-const DOT_SIZE = 0.3; // over the trunk's radius there
-const SMALLER = 0.5; // of dots of other times
-const ARROW = { length: 2.4, radius: 0.16 }; // over the trunk's radius there
-const MOST = { dot: 0.011, length: 0.11 }; // of the trunk's length
+// Sizes are fractions of the trunk's radius there, within fractions of its length.
+const DOT_SIZE = { radius: 0.3, least: 0.0055, most: 0.011 };
+const ARROW_SIZE = { radius: 2.4, least: 0.07, most: 0.11 };
+const SMALLER = 0.5; // dots of other times
+const ARROW_THICKNESS = 0.067; // of its length
 
 /** Dots and arrows of a plan; `show(time)` marks what is asked then. */
 export class Symbols {
@@ -35,7 +36,7 @@ export class Symbols {
   show(time) {
     const { targets, arrows, trunk } = this.plan;
     targets.forEach((target, i) => {
-      const size = Math.min(DOT_SIZE * radiusAt(trunk, target.Z), MOST.dot * trunk.length);
+      const size = sizeAt(trunk, target.Z, DOT_SIZE);
       const now = isCurrent(target, time);
       for (const mesh of [this.dots, this.rims]) placeDot(mesh, i, target, now ? size : 0);
       placeDot(this.others, i, target, now ? 0 : SMALLER * size);
@@ -53,6 +54,27 @@ export class Symbols {
   }
 }
 
+/** A line from a point of the trunk to where it is pulled, while it is not there. */
+export class PullLine {
+  constructor() {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3));
+    this.mesh = new THREE.LineLoop(geometry, new THREE.LineBasicMaterial({ color: 0xb00020, depthTest: false }));
+    this.mesh.frustumCulled = false;
+    this.mesh.renderOrder = 4;
+    this.mesh.visible = false;
+  }
+
+  /** Show a pull {Z, target, reached}, or nothing, on cross-sections at points Z. */
+  show(pull, { position }, Z) {
+    this.mesh.visible = Boolean(pull && !pull.reached);
+    if (!this.mesh.visible) return;
+    const j = Z.findIndex((z) => z >= pull.Z - 1e-9);
+    this.mesh.geometry.attributes.position.array.set([...position.subarray(3 * j, 3 * j + 3), ...pull.target]);
+    this.mesh.geometry.attributes.position.needsUpdate = true;
+  }
+}
+
 /** All symbols of one kind as one mesh, because a plan may have many. */
 function instances(geometry, count, above) {
   const material = new THREE.MeshBasicMaterial({ transparent: above, depthTest: !above });
@@ -66,10 +88,11 @@ function paint(mesh, colorOf) {
   for (let i = 0; i < mesh.count; i++) mesh.setColorAt(i, color.set(colorOf(i)));
 }
 
-function radiusAt({ radius, taper, Z }, at) {
+function sizeAt({ radius, taper, Z, length }, at, limits) {
   let j = 0;
   while (j < Z.length - 1 && Z[j] < at) j += 1;
-  return radius * taper[j];
+  const size = limits.radius * radius * taper[j];
+  return Math.min(Math.max(size, limits.least * length), limits.most * length);
 }
 
 function placeDot(mesh, i, { position }, size) {
@@ -77,9 +100,8 @@ function placeDot(mesh, i, { position }, size) {
 }
 
 function placeArrow(mesh, i, arrow, trunk, now) {
-  const radius = radiusAt(trunk, arrow.Z);
-  const length = now ? Math.min(ARROW.length * radius, MOST.length * trunk.length) : 0;
-  const thick = (length * ARROW.radius) / ARROW.length;
+  const length = now ? sizeAt(trunk, arrow.Z, ARROW_SIZE) : 0;
+  const thick = ARROW_THICKNESS * length;
   const along = new THREE.Vector3(...arrow.direction).normalize();
   const aside = Math.abs(along.x) < 0.9 ? new THREE.Vector3(1, 0, 0) : new THREE.Vector3(0, 1, 0);
   const across = aside.cross(along).normalize();

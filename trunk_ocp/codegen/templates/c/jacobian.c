@@ -50,7 +50,7 @@ static int respond(trunk_work *work)
         trunk_reset(work);
         return TRUNK_NOT_FOUND;
     }
-    base_slopes(work->head, NULL, base, slopes);
+    base_slopes(work->head, head_numbers, base, slopes);
     clear(work->response[0][0], PARAMETERS * ENDS);
     for (int c = 0; c < 2; c++)
         for (int i = 0; i < 7; i++) work->response[0][c][i < 4 ? i : i + 3] = slopes[7 * c + i];
@@ -64,7 +64,7 @@ static int respond(trunk_work *work)
         }
     }
     for (int c = 0; c < PARAMETERS; c++)
-        close_column(work, work->response[0][c], PARAMETERS * ENDS);
+        close_column(work, work->response[0][c], sizeof work->response[0] / sizeof(double));
     work->responded = 1;
     return TRUNK_OK;
 }

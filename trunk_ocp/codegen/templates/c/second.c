@@ -74,7 +74,7 @@ static void respond_twice(trunk_work *work, const double along[PARAMETERS])
     for (int c = 0; c < 2; c++) {
         const double direction[2] = {c == 0, c == 1};
         double value[7];
-        base_second(work->head, NULL, direction, along, value);
+        base_second(work->head, head_numbers, direction, along, value);
         for (int i = 0; i < 7; i++) second[0][c][i < 4 ? i : i + 3] = value[i];
     }
     for (int e = 0; e < TRUNK_ELEMENTS; e++) {

@@ -18,7 +18,7 @@ static void edge_state(const trunk_work *work, int point, double w[15])
 static void describe(trunk_work *work, double *y)
 {
     double base[7], position[TRUNK_ELEMENTS + 1][3];
-    base_values(work->head, NULL, base);
+    base_values(work->head, head_numbers, base);
     for (int i = 0; i < 3; i++) position[0][i] = base[4 + i];
     for (int e = 0; e < TRUNK_ELEMENTS; e++) {
         double w[18 * NODES], rate[6 * NODES], unused[NODES];
@@ -43,7 +43,7 @@ static void set_unloaded(trunk_work *work)
     double w[8], end[7];
     trunk_shape *shape = &work->shape;
     clear(shape->moment[0], 3);
-    base_values(work->head, NULL, end);
+    base_values(work->head, head_numbers, end);
     for (int e = 0; e < TRUNK_ELEMENTS; e++) {
         for (int i = 0; i < 4; i++) w[i] = shape->edge[e][i] = end[i];
         for (int i = 0; i < 4; i++) w[4 + i] = work->strain[element_segment[e]][i];
@@ -51,7 +51,7 @@ static void set_unloaded(trunk_work *work)
             turned_values(w, &point_reach[e][j], end);
             for (int i = 0; i < 4; i++) shape->q[e][NODES * i + j] = end[i];
         }
-        stepped_values(w, piece[e], end);
+        turned_values(w, piece[e], end); /* its first number is the element's whole length */
     }
     for (int i = 0; i < 4; i++) shape->edge[TRUNK_ELEMENTS][i] = end[i];
 }
@@ -81,18 +81,26 @@ static int raise_loads(trunk_work *work, const double *x)
 }
 
 /*
- * Whether the mesh resolves the shape in the work. Gauss collocation keeps |q| = 1 at the edges on
- * any mesh, but at the Gauss points only if the element resolves the bend.
+ * How well an element resolves the shape in the work: its largest | |q|^2 - 1 |. Gauss collocation
+ * keeps |q| = 1 at the edges on any mesh, but at the Gauss points only if it resolves the bend.
  */
+static double defect(const trunk_work *work, int e)
+{
+    double found = 0;
+    for (int j = 0; j < NODES; j++) {
+        double norm = 0;
+        for (int c = 0; c < 4; c++) norm += square(work->shape.q[e][NODES * c + j]);
+        norm -= 1;
+        found = largest(found, &norm, 1);
+    }
+    return found;
+}
+
+/* Whether the mesh resolves the shape in the work. */
 static int resolved(const trunk_work *work)
 {
-    for (int e = 0; e < TRUNK_ELEMENTS; e++) {
-        for (int j = 0; j < NODES; j++) {
-            double defect = -1;
-            for (int c = 0; c < 4; c++) defect += square(work->shape.q[e][NODES * c + j]);
-            if (!(fabs(defect) <= MAX_DEFECT)) return 0;
-        }
-    }
+    for (int e = 0; e < TRUNK_ELEMENTS; e++)
+        if (!(defect(work, e) <= MAX_DEFECT)) return 0;
     return 1;
 }
 

@@ -108,7 +108,7 @@ static int newton(trunk_work *work)
 {
     double base[7], last = work->linear ? HUGE_VAL : 0;
     int renew = !work->linear;
-    base_values(work->head, NULL, base);
+    base_values(work->head, head_numbers, base);
     for (int step = 0; step < MAX_STEPS && work->steps_left > 0; step++) {
         double size, error;
         work->steps_left--;

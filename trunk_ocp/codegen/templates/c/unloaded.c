@@ -13,7 +13,7 @@ typedef struct {
 static void unloaded_base(const double *head, unloaded_edge *at)
 {
     double base[7], slopes[14];
-    base_slopes(head, NULL, base, slopes);
+    base_slopes(head, head_numbers, base, slopes);
     for (int i = 0; i < 4; i++) at->q[i] = base[i];
     for (int i = 0; i < 3; i++) at->r[i] = base[4 + i];
     clear(at->by[0], UNLOADED_PARAMETERS * 7);
