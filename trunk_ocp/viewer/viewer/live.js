@@ -1,5 +1,6 @@
 // The page of `trunk-ocp live`: changes go to the planner, new plans come back.
 
+/* global trunkPage */
 import { bridge } from "./bridge.js";
 import { byId, setText } from "./elements.js";
 import { readPayload } from "./data.js";

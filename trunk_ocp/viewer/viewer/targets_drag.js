@@ -1,5 +1,6 @@
 // Dragging targets: handles of the plan (live_payload.py) move parallel to the screen.
 
+/* global THREE */
 import { bridge } from "./bridge.js";
 import { isCurrent } from "./data.js";
 
@@ -22,7 +23,7 @@ export class TargetDrag {
   take(event) {
     const handle = event.target === this.canvas && event.button === 0 && this.handleAt(event);
     if (!handle) return;
-    event.stopPropagation();
+    event.stopImmediatePropagation();
     event.preventDefault();
     this.canvas.setPointerCapture(event.pointerId);
     this.page.seek(handle.to); // where shapes are those of a time step
