@@ -86,15 +86,15 @@ def test_a_target_that_is_dragged_moves_the_trunk(live):
 def test_bounds_are_changed_refused_and_undone(live):
     tab, session, _ = live
     motion = session.plan.motion
-    tab.get_by_label("muscles", exact=True).select_option("*-dl")
-    tab.get_by_label("from", exact=True).fill("-0.2")
-    tab.get_by_label("from", exact=True).blur()
+    tab.locator("#live-muscles").select_option("*-dl")
+    tab.locator("#live-lower").fill("-0.2")
+    tab.locator("#live-lower").blur()
     until(tab, "trunkPage.live.planner.answered === 1")
     until(tab, f"{STATUS} === 'good'")
     dl = [i for i, name in enumerate(motion.trunk.muscles) if name.endswith("-dl")]
     assert session.plan.activations[:, dl].min() >= -0.2 - 1e-6
-    tab.get_by_label("to", exact=True).fill("-0.5")
-    tab.get_by_label("to", exact=True).blur()
+    tab.locator("#live-upper").fill("-0.5")
+    tab.locator("#live-upper").blur()
     until(tab, "document.getElementById('live-fault').textContent")
     assert "the lower bound is above the upper" in tab.locator("#live-fault").inner_text()
     tab.get_by_role("button", name="Undo all").click()
