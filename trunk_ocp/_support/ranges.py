@@ -43,6 +43,7 @@ RANGES = {
     "lookahead": Range(1, 1_000_000),
     "seed": Range(0, 2**63 - 1),
     "processes": Range(1, 1_000),
+    "port": Range(0, 65_535),
     "elements": Range(1, 1_000),
     "degree": Range(1, 20),
     "activation limit": Range(0, 1e6, whole=False, above=True),

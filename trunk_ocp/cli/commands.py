@@ -33,6 +33,9 @@ LAZY_COMMANDS = {
     "export_model": {
         "export": "Write the trunk model (activations, head, loads to shape) as code.",
     },
+    "live": {
+        "live": "Drag targets on a page and watch the motion being planned again.",
+    },
 }
 """Commands that are imported when they run, and their short help, by module."""
 

@@ -82,7 +82,7 @@ def run_solve(
         with ProgressDisplay(console, motion) as display, interrupts.graceful_stop(display):
             plans = _plan(motion, checkpoints, options, display)
             finished = not display.stop
-            aside, measures = _save(plans, folder, problem)
+            aside, measures = save_plans(plans, folder, problem)
             for checkpoint in checkpoints.values() if finished else ():
                 checkpoint.remove()
         _show(plans, measures, folder, console)
@@ -208,7 +208,9 @@ def _folder_name(mode: str, lookahead: int) -> str:
     return f"receding-{lookahead}" if mode == "receding" else mode
 
 
-def _save(plans: list[Plan], folder: Path, problem: str) -> tuple[Aside, dict[str, dict[str, Any]]]:
+def save_plans(
+    plans: list[Plan], folder: Path, problem: str
+) -> tuple[Aside, dict[str, dict[str, Any]]]:
     """Write plans, and the measures of two plans, to a folder.
 
     Returns what was moved aside because these plans make it out of date, and the measures.

@@ -6,6 +6,7 @@ Every figure, film and page takes its objects from here, so that all of them sho
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..problem.targets import HeldDirection
 from ..rod.shape import Shape
 from .moments import TIME_TOL, Moment, phase_at
 
+Places = Callable[[int, float], tuple[np.ndarray, np.ndarray]]
 MASS_DENSITY = 1000.0  # kg/m^3; nothing states the size of a tip mass, so it is a ball of water
 
 
@@ -121,9 +123,14 @@ def _ahead_of_tip(shape: Shape, radius: float) -> np.ndarray:
     return center
 
 
-def marks(plan: Plan, number: int) -> list[Mark]:
-    """Targets of a planned time step (from 0) that have a weight, and where the trunk is."""
-    at, trunk, head = plan.verification.at, plan.motion.trunk, plan.head[number]
+def marks(plan: Plan, number: int, at: Places | None = None) -> list[Mark]:
+    """Targets of a planned time step (from 0) that have a weight, and where the trunk is.
+
+    `at` gives position and directors of a point Z of a time step; by default those of the
+    independent check.
+    """
+    at = at or plan.verification.at
+    trunk, head = plan.motion.trunk, plan.head[number]
     step_marks = []
     for target in plan.motion.steps[number].targets:
         pairs = target.pairs()

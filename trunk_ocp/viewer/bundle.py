@@ -37,20 +37,29 @@ MODULES = (
     "tryit",
     "main",
 )
+LIVE_MODULES = ("targets_drag", "live_panel", "live")
 IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 EXPORT = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 
 
-def bundled(data: dict[str, Any]) -> str:
-    """Text of the page for the data that `payload` returns."""
+def bundled(data: dict[str, Any], socket: str | None = None) -> str:
+    """Text of the page for the data that `payload` returns.
+
+    Parameters
+    ----------
+    socket : str, optional
+        Address (ws://...) of the planner that a live page talks to. Other pages connect to nothing.
+    """
+    live = socket is not None
     parts = {
         "title": html.escape(data["title"]),
-        "style": _read("viewer/style.css"),
+        "connect": html.escape(socket or "'none'"),
+        "style": _read("viewer/style.css") + (_read("viewer/live.css") if live else ""),
         "license": _read("vendor/LICENSE"),
         "three": _read("vendor/three.min.js"),
         "data": embedded(data),
         "module": base64.b64encode(_bytes("viewer/physics.wasm")).decode("ascii"),
-        "viewer": "\n".join(["const modules = {};", *map(_module, MODULES)]),
+        "viewer": "\n".join(["const modules = {};", *map(_module, MODULES + LIVE_MODULES * live)]),
     }
     # In one pass, so that {{names}} inside a part are never replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _read("viewer/page.html"))

@@ -29,7 +29,7 @@ from ..scene.colors import MASS, group_colors
 from ..scene.moments import Moment, moments_at, phase_at
 from ..scene.solid_meshes import color_of, obstacles, solid_surface
 from ..scene.surfaces import shaded
-from ..scene.surroundings import Mark, logs, marks, tip_mass
+from ..scene.surroundings import Mark, Places, logs, marks, tip_mass
 from .physics_tables import physics_tables
 from .sections import Grid, section_grid
 from .try_it import plan_controls
@@ -51,25 +51,32 @@ def payload(plans: Sequence[Plan]) -> dict[str, Any]:
 
 def _plan(plan: Plan) -> dict[str, Any]:
     moments = _moments(plan)
-    times = [moment.time for moment in moments]
-    grid = section_grid(plan.motion.trunk)
     return {
         **_outcome(plan),
+        "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
+        "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
+        "trunk": trunk_of(plan.motion.trunk, section_grid(plan.motion.trunk)),
+        "pivot": pivot(plan.motion.trunk).tolist(),
+        "solids": _solids(plan, moments),
+        **moving(plan, moments),
+    }
+
+
+def moving(plan: Plan, moments: Sequence[Moment], at: Places | None = None) -> dict[str, Any]:
+    """What a plan of the same motion with other numbers changes on the page; `at`: see `marks`."""
+    times, trunk = [moment.time for moment in moments], plan.motion.trunk
+    targets = _marks(plan, at)
+    return {
         # Unrounded: rounding must not move a time to the other side of a jump.
         "times": times,
         "jumps": list(plan.jumps),
         "held": _held(plan.motion, times),
-        "steps": [float(t) for t in plan.motion.times[: len(plan.x)]],
-        "phases": [{"name": phase.name, "end": phase.end} for phase in plan.motion.phases],
-        "trunk": trunk_of(plan.motion.trunk, grid),
-        "frames": frames_of(plan.motion.trunk, _shapes(plan, moments), grid.Z),
+        "frames": frames_of(trunk, _shapes(plan, moments), section_grid(trunk).Z),
         "activation": encoded(np.array([moment.activation for moment in moments])),
         "head": encoded(np.array([moment.head for moment in moments])),
-        "pivot": pivot(plan.motion.trunk).tolist(),
-        "solids": _solids(plan, moments),
         "objects": [*_logs(plan, moments), *_mass(plan, moments)],
-        "targets": _targets(plan),
-        "arrows": _arrows(plan),
+        "targets": _targets(targets),
+        "arrows": _arrows(targets),
         "controls": plan_controls(plan, moments),
     }
 
@@ -144,10 +151,10 @@ def _mass(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     ]
 
 
-def _targets(plan: Plan) -> list[dict[str, Any]]:
+def _targets(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Positions that points of the trunk should have, and from when to when, in s."""
     places: dict[tuple[object, ...], dict[str, Any]] = {}
-    for step, mark in _marks(plan):
+    for step, mark in targets:
         if mark.placed:
             position = mark.target.tolist()
             place = {
@@ -160,7 +167,7 @@ def _targets(plan: Plan) -> list[dict[str, Any]]:
     return list(places.values())
 
 
-def _arrows(plan: Plan) -> list[dict[str, Any]]:
+def _arrows(targets: Sequence[tuple[Step, Mark]]) -> list[dict[str, Any]]:
     """Directions that points of the trunk should have, where, and from when to when, in s."""
     return [
         {
@@ -171,15 +178,15 @@ def _arrows(plan: Plan) -> list[dict[str, Any]]:
             "from": step.time - step.duration,
             "to": step.time,
         }
-        for step, mark in _marks(plan)
+        for step, mark in targets
         for director, direction in zip(mark.directors, mark.directions, strict=True)
     ]
 
 
-def _marks(plan: Plan) -> list[tuple[Step, Mark]]:
+def _marks(plan: Plan, at: Places | None) -> list[tuple[Step, Mark]]:
     """Every target of every planned step."""
     steps = plan.motion.steps[: len(plan.x)]
-    return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number)]
+    return [(step, mark) for number, step in enumerate(steps) for mark in marks(plan, number, at)]
 
 
 def trunk_of(trunk: Trunk, grid: Grid) -> dict[str, Any]:
@@ -248,13 +255,9 @@ def frames_of(trunk: Trunk, shape: Shape, Z: np.ndarray) -> dict[str, str]:
 def _solids(plan: Plan, moments: Sequence[Moment]) -> list[dict[str, Any]]:
     """Parts of the head and obstacles, and whether they are `shown` in samples."""
     trunk = plan.motion.trunk
-    phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
-    there = [  # in order, unlike sets, so that a page has the same bytes every time
-        (*head_solids(trunk), *obstacles(plan, phase)) for phase in range(len(plan.motion.phases))
-    ]
     return [
-        solid_entry(solid, trunk, [solid in there[phase] for phase in phases])
-        for solid in dict.fromkeys(solid for phase in there for solid in phase)
+        solid_entry(solid, trunk, shown)
+        for solid, shown in zip(_all_solids(plan), shown_solids(plan, moments), strict=True)
     ]
 
 
@@ -272,6 +275,25 @@ def solid_entry(solid: Solid, trunk: Trunk, shown: list[bool]) -> dict[str, Any]
         "normals": encoded(surface.normals[0]),
         "triangles": surface.triangles.ravel().tolist(),
     }
+
+
+def shown_solids(plan: Plan, moments: Sequence[Moment]) -> list[list[bool]]:
+    """Whether each solid of the page is there, moment by moment."""
+    phases = [phase_at(plan.motion, moment.time, moment.after) for moment in moments]
+    there = _solids_of_phases(plan)
+    return [[solid in there[phase] for phase in phases] for solid in _all_solids(plan)]
+
+
+def _all_solids(plan: Plan) -> list[Solid]:
+    # In order, unlike a set, so that a page has the same bytes every time.
+    return [*dict.fromkeys(solid for phase in _solids_of_phases(plan) for solid in phase)]
+
+
+def _solids_of_phases(plan: Plan) -> list[tuple[Solid, ...]]:
+    return [
+        (*head_solids(plan.motion.trunk), *obstacles(plan, phase))
+        for phase in range(len(plan.motion.phases))
+    ]
 
 
 def encoded(array: np.ndarray) -> str:

@@ -33,7 +33,9 @@ function decodedTrunk(trunk) {
   return { ...trunk, muscles, Z: floats(trunk.Z), taper: floats(trunk.taper) };
 }
 
+/** Numbers from base64; numbers stay as they are. */
 function floats(text) {
+  if (text instanceof Float32Array) return text;
   return new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 }
 

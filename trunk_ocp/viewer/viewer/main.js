@@ -48,9 +48,9 @@ function start() {
  * Show the plans of a payload (payload.py) instead of those shown now, at the same instant.
  *
  * Plans without a `trunk` have that of the plan they replace; then the camera, the check boxes and
- * the bodies of the muscles stay, so that it takes a few milliseconds.
+ * the bodies of the muscles stay, so that it takes a few milliseconds. With `quick`, so do the plots.
  */
-export function showPlan(payload) {
+export function showPlan(payload, { quick = false } = {}) {
   const before = plans;
   plans = decodedPlans(payload, before);
   const same = before.length === plans.length && plans.every(({ trunk }, i) => trunk === before[i].trunk);
@@ -62,7 +62,7 @@ export function showPlan(payload) {
   byId("title").textContent = payload.title;
   byId("subtitle").textContent = [payload.name, payload.trunk].filter(Boolean).join(", ");
   if (!same) startLook(before.length === 0);
-  plots.setPlans(plans);
+  if (!quick) plots.setPlans(plans);
   if (stage) stage.setPlans(plans);
   else stage = openStage();
   writeLabels(stage ? plans : []);
