@@ -52,6 +52,7 @@ class ControlQP:
     def __init__(self, condensed: CondensedWindow) -> None:
         H, n = condensed.x.shape
         self._held = condensed.held.size
+        self._basis, self._to_basis = np.linalg.qr(condensed.to_local.T)
         i, j = np.triu_indices(n + self._held)
         first = n * np.arange(H)[:, None]
         row, column = (np.where(k < n, first + k, (H - 1) * n + k) for k in (i, j))
@@ -96,6 +97,21 @@ class ControlQP:
         parts = (lower, -upper, rows_lower, -rows_upper)
         return max(float(part.max(initial=0.0)) for part in parts)
 
+    def hessian(self, model: QuadraticModel) -> np.ndarray:
+        """Blocks (H, n + 3 D, n + 3 D) of a model's Hessian, made convex if they are not.
+
+        The costs of controls and their links are convex by themselves. So negative eigenvalues of
+        the rest change sign, in an orthonormal basis of the controls that strains depend on.
+        """
+        n, to_local = model.links.shape[1], model.to_local
+        blocks: np.ndarray = to_local.T @ model.blocks @ to_local
+        blocks[:, np.arange(n), np.arange(n)] += model.diagonal
+        if not _is_convex(blocks, model.links):
+            values, vectors = np.linalg.eigh(self._to_basis @ model.blocks @ self._to_basis.T)
+            vectors = self._basis @ vectors
+            blocks += (vectors * (np.abs(values) - values)[:, None]) @ vectors.swapaxes(-1, -2)
+        return blocks
+
     def solve(self, window: Window, model: QuadraticModel, x: np.ndarray) -> QPStep:
         """Minimize a model from controls x (H, controls), made convex if it is not.
 
@@ -103,9 +119,7 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        blocks = model.blocks
-        if not _is_convex(blocks, model.links):
-            blocks = _made_convex(blocks, model.links)
+        blocks = self.hessian(model)
         lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
@@ -148,20 +162,3 @@ def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
     except LinAlgError:
         return False
     return True
-
-
-def _made_convex(blocks: np.ndarray, links: np.ndarray) -> np.ndarray:
-    """The blocks with negative curvatures made positive, but for what covers the links.
-
-    Links are off the diagonal; with as much on it, they are convex by themselves.
-    """
-    n = links.shape[1]
-    cover = np.abs(links)
-    cover[:-1] += cover[1:]
-    rest = blocks.copy()
-    rest[:, np.arange(n), np.arange(n)] -= cover
-    values, vectors = np.linalg.eigh(rest)
-    convex: np.ndarray = blocks + (vectors * (np.abs(values) - values)[:, None]) @ vectors.swapaxes(
-        -1, -2
-    )
-    return convex

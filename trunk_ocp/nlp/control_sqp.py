@@ -86,7 +86,13 @@ class ControlSQP:
 
     def shape(self, window: Window, full: np.ndarray) -> Shape:
         """Shapes (H,) of a window's steps at a decision vector in equilibrium."""
-        return self._condensed.renumbered(window).shape(full)
+        return self._of(window).shape(full)
+
+    def _of(self, window: Window) -> CondensedWindow:
+        """The condensed window; the newest is kept."""
+        if self._condensed.window is not window:
+            self._condensed = self._condensed.renumbered(window)
+        return self._condensed
 
     def start(self, full: np.ndarray) -> SQPPoint:
         """A point without knowledge from earlier solves."""
@@ -108,8 +114,10 @@ class ControlSQP:
         records : Optimizer
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
-        condensed, reporter = self._condensed.renumbered(window), records.reporter
-        point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
+        condensed, reporter = self._of(window), records.reporter
+        point = starts[0]
+        if len(starts) > 1:
+            point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
         history: list[tuple[float, float, float]] = []
         start = time.perf_counter()
         most = min(MAX_ITERATIONS, records.max_iterations)
@@ -132,7 +140,7 @@ class ControlSQP:
             except (IllConditionedError, QPError) as failure:
                 message = INFEASIBLE if isinstance(failure, InfeasibleQPError) else STUCK
                 break
-            feasible, expected = violation <= FEASIBILITY_TOL, _change(model, found.step)
+            feasible, expected = violation <= FEASIBILITY_TOL, model.change(found.step)
             if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
@@ -260,12 +268,3 @@ def _negligible(objective: float) -> float:
     """Decrease of an objective that is not worth an iteration."""
     objective = abs(objective)
     return max(min(DECREASE_TOL * objective, POSITION_TOL**2), ROUND_OFF * objective)
-
-
-def _change(model: QuadraticModel, step: np.ndarray) -> float:
-    """Change of a model's objective by a step in z."""
-    H, n = model.links.shape
-    own, held = step[: H * n].reshape(H, n), step[H * n :]
-    local = np.concatenate([own, np.broadcast_to(held, (H, held.size))], axis=1)
-    bent = (local[:, None] @ model.blocks @ local[..., None]).sum() / 2
-    return float(model.gradient @ step + bent + np.sum(model.links[1:] * own[1:] * own[:-1]))
