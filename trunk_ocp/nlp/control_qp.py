@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import piqp
@@ -63,6 +64,7 @@ class ControlQP:
         counts = np.bincount(slots // condensed.size, minlength=condensed.size)
         self._upper, self._pattern = (i, j), (slots % condensed.size, np.append(0, counts.cumsum()))
         self._set_rows(condensed)
+        self._kept: Any = None
 
     def _set_rows(self, condensed: CondensedWindow) -> None:
         """Rows of extensions and of changes, by the controls."""
@@ -97,6 +99,23 @@ class ControlQP:
         parts = (lower, -upper, rows_lower, -rows_upper)
         return max(float(part.max(initial=0.0)) for part in parts)
 
+    def _solver_of(self, program: tuple[Any, ...]) -> Any:
+        """PIQP's solver of a program; kept, which saves the analysis of the next one.
+
+        Not with equations, whose scaling an update leaves with other round-off, so that results
+        would depend on the programs before.
+        """
+        if self._kept is not None:
+            self._kept.update(*program)
+            return self._kept
+        solver = piqp.SparseSolver()
+        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL
+        solver.settings.preconditioner_iter = 1  # more save no iterations
+        solver.setup(*program)
+        self._kept = None if self._held else solver
+        return solver
+
     def hessian(self, model: QuadraticModel) -> np.ndarray:
         """Blocks (H, n + 3 D, n + 3 D) of a model's Hessian, made convex if they are not.
 
@@ -126,10 +145,7 @@ class ControlQP:
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)
         n = model.gradient.size
-        solver = piqp.SparseSolver()
-        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-        solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL
-        solver.setup(
+        program = (
             sp.csc_matrix((data, *self._pattern), (n, n)),
             scale * model.gradient,
             sp.csc_matrix(model.held_rows) if self._held else None,
@@ -140,6 +156,7 @@ class ControlQP:
             lower,
             upper,
         )
+        solver = self._solver_of(program)
         status = solver.solve()
         result = solver.result
         if status == piqp.PIQP_PRIMAL_INFEASIBLE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -33,7 +34,7 @@ class TrackingAt:
     gradient: np.ndarray
     blocks: np.ndarray
     forces: np.ndarray
-    parts: list[tuple[np.ndarray, ...]]
+    parts: Sequence[tuple[np.ndarray, ...]]
 
     def forces_after(self, local: np.ndarray) -> np.ndarray:
         """Forces after changes (H, C + 1) of the local variables, to first order."""
