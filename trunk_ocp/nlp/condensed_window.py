@@ -37,6 +37,9 @@ MAX_RESIDUAL = 1.0
 SETTLED_TOL = 1e-8
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
 
+DAMPING = 1e-3
+"""Of second-order corrections, over the largest second derivative by a local variable."""
+
 
 class CondensedWindow:
     """The NLP of a window that `can_condense`, in its controls and held directions.
@@ -288,20 +291,24 @@ class CondensedWindow:
         )
 
     def recentered(self, model: QuadraticModel, full: np.ndarray) -> QuadraticModel:
-        """The model at a settled vector nearby: exact gradients of targets, all else as before.
+        """A model at a settled vector after a step, for second-order corrections.
 
-        For second-order corrections: a long step takes targets off by its square, which costs more
-        than all that the step gains, and one more step with the same matrices takes that back.
+        A long step takes targets off by its square, which costs more than all that the step gains.
+        One more step takes that back: by the poses' changes at hand, with a damped Gauss-Newton
+        Hessian, which leaves alone the directions that targets hardly feel.
         """
         changes = model.changes.copy()
         changes[:, -1] = 0.0
-        tracking = self._tracking.at(full, changes)
+        tracking, C = self._tracking.at(full, changes), len(self.to_local)
         value, by_controls = self._costs.at(self.window.before, full[self.x])
+        blocks = tracking.blocks[:, :C, :C]
         return replace(
             model,
             full=full,
             objective=tracking.value + value,
             gradient=self._in_controls(tracking.gradient, by_controls),
+            blocks=blocks,
+            diagonal=model.diagonal + DAMPING * np.abs(blocks).max(),
             held_rest=np.zeros_like(model.held_rest),
             tracking=tracking,
             changes=changes,
