@@ -90,11 +90,12 @@ def eliminated(w, full, multipliers):
 def assembled(model):
     """Hessian (n, n) of a quadratic model."""
     H, n = model.links.shape
-    D = model.blocks.shape[1] - n
+    D = model.to_local.shape[1] - n
     whole = np.zeros((H * n + D, H * n + D))
     for t, block in enumerate(model.blocks):
         at = np.r_[t * n : t * n + n, H * n : H * n + D]
-        whole[np.ix_(at, at)] += block
+        whole[np.ix_(at, at)] += model.to_local.T @ block @ model.to_local
+        whole[at[:n], at[:n]] += model.diagonal[t]
         if t:
             before = at[:n] - n
             whole[at[:n], before] += model.links[t]

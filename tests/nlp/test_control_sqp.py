@@ -1,6 +1,7 @@
 """SQP in the controls: solutions are Ipopt's, every iterate is a plan, solves may stop early."""
 
 import time
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,7 @@ from toys import TRUNK as SHORTENER
 from toys import C, shortening
 
 from trunk_ocp.nlp.condensed_window import CondensedWindow
-from trunk_ocp.nlp.control_qp import ControlQP, _is_convex, _made_convex
+from trunk_ocp.nlp.control_qp import ControlQP, _is_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
 from trunk_ocp.nlp.window import Weights, Window
@@ -156,9 +157,7 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     model = condensed.model(packed(w, x), np.zeros(3))
     found = qp.solve(w, model, x)
     lower, upper, rows_lower, rows_upper = qp.bounds(w, x)
-    blocks = model.blocks
-    if not _is_convex(blocks, model.links):
-        blocks = _made_convex(blocks, model.links)
+    blocks = qp.hessian(model)
     (H, n), size = x.shape, condensed.size
     hessian = np.zeros((size, size))
     for t in range(H):
@@ -185,7 +184,7 @@ def test_quadratic_programs_are_solved_as_by_another_solver():
     np.testing.assert_allclose(model.held_rows @ found.step, model.held_rest, atol=1e-8)
 
 
-def test_convexity_is_found_and_made():
+def test_convexity_is_found():
     rng = np.random.default_rng(5)
     links = -rng.random((4, 6))
     links[0] = 0.0
@@ -194,10 +193,30 @@ def test_convexity_is_found_and_made():
     assert _is_convex(blocks, links)
     blocks[2, 3, 3] -= 20.0
     assert not _is_convex(blocks, links)
-    mended = _made_convex(blocks, links)
-    assert _is_convex(mended + 1e-9 * np.eye(6), links)
-    curved = np.linalg.eigvalsh(blocks[[0, 1, 3]]).min()
-    assert curved > 0
+
+
+def test_curvatures_that_are_negative_change_sign():
+    """Of the model less the costs of controls; the others, and convex models, stay."""
+    w = window_of(first_steps("pick-fruit", 2))
+    condensed, rng = CondensedWindow(w), np.random.default_rng(5)
+    qp, x = ControlQP(condensed), -0.1 * rng.random(condensed.x.shape)
+    model = condensed.model(packed(w, x), np.zeros(3))
+    to_local, n = model.to_local, x.shape[1]
+
+    def without_costs(blocks):
+        blocks = blocks.copy()
+        blocks[:, np.arange(n), np.arange(n)] -= model.diagonal
+        return blocks
+
+    square = rng.normal(size=model.blocks.shape)
+    convex = replace(model, blocks=square @ square.swapaxes(-1, -2))
+    exact = to_local.T @ convex.blocks @ to_local
+    np.testing.assert_allclose(without_costs(qp.hessian(convex)), exact, atol=1e-10)
+    bent = replace(model, blocks=square + square.swapaxes(-1, -2))
+    curvatures = np.linalg.eigvalsh(to_local.T @ bent.blocks @ to_local)
+    mended = np.linalg.eigvalsh(without_costs(qp.hessian(bent)))
+    assert curvatures.min() < -1.0
+    np.testing.assert_allclose(np.sort(np.abs(curvatures)), mended, atol=1e-10 * mended.max())
 
 
 def test_bounds_that_contradict_each_other_are_reported():

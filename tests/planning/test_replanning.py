@@ -133,7 +133,7 @@ def test_under_other_loads_plans_cut_short_get_better_tick_by_tick(mass, plan, a
         assert one.status is to.Status.TIME_LIMIT
         assert not one.verification.faults
     assert np.all(np.diff([one.objective.total for one in cut]) < 0)
-    assert cut[-1].objective.total <= 0.2 * cut[0].objective.total
+    assert cut[-1].objective.total <= 0.3 * cut[0].objective.total
 
 
 def test_a_horizon_that_moves_on_keeps_what_is_known_of_it(plan, again):

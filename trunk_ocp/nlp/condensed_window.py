@@ -4,28 +4,30 @@ The NLP of a window has some 230 variables a time step, all but 30 of which foll
 controls. Here they are eliminated, which leaves the controls of all steps and the held directions,
 z = (x_1, ..., x_H, D). `CondensedWindow.model` gives objective and Lagrangian to second order in z,
 from which sequential quadratic programming takes its steps. It has the solutions of the full NLP.
+
+A rod feels its muscles only by the strain numbers of its segments. So derivatives are taken in
+local variables of each step, far fewer than its controls: strain numbers, head angles, and D.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from ..model.activation import segment_at, segment_fractions, strain_matrix, strains
 from ..problem.targets import HeldDirection
-from ..rod.collocation import Mesh, gauss
+from ..rod.collocation import gauss
 from ..rod.equations import MOMENT, POSITION, STATES, is_hung, mesh_parameters
 from ..rod.shape import Shape
 from .condensed_rods import FORCED, CondensedRods, RodEquationsAt
 from .control_costs import ControlCosts
-from .point_functions import base, director, scaled_rates
+from .point_functions import base, director, rates_in_units
+from .point_poses import PointPoses
 from .quadratic_model import QuadraticModel
 from .term_derivatives import first_derivatives, second_derivatives, values
+from .tracking_costs import TrackingCosts
 from .window import Window
 
 MAX_SETTLING = 8
@@ -34,6 +36,9 @@ MAX_RESIDUAL = 1.0
 """Beyond which simplified Newton steps are not worth trying."""
 SETTLED_TOL = 1e-8
 """Residual of the rods' equations, in the NLP's units, that counts as equilibrium."""
+
+DAMPING = 1e-3
+"""Of second-order corrections, over the largest second derivative by a local variable."""
 
 
 class CondensedWindow:
@@ -45,10 +50,10 @@ class CondensedWindow:
         Indices of the controls in the decision vector.
     held : (D, 3) int
         Those of the held directions.
-    local : int
-        Number C of local controls: a step's own, and all held directions.
     size : int
         Length of z.
+    to_local : (C, controls + 3 D)
+        Derivatives of a step's local variables by its controls and the held directions.
     extension : (segments, muscles)
         Derivative of the segments' extensions by the activations.
     """
@@ -64,40 +69,40 @@ class CondensedWindow:
         self._line = np.stack([u.line for u in unknowns])
         self._references = list(window.held)
         self.held = np.array([*window.held.values()], dtype=int).reshape(-1, 3)
-        self.local = self.x.shape[1] + self.held.size
         self.size = self.x.size + self.held.size
         self._trunk, self._mesh, self._length = window.motion.trunk, window.mesh, window.length
         self._segment = segment_at(self._trunk, self._mesh.points[:, 0])
-        self._set_points(window)
-        self._costs = ControlCosts.of(window)
+        self._set_local()
+        self._points = PointPoses(window)
+        self._tracking, self._costs = TrackingCosts(window), ControlCosts.of(window)
         self._set_numbers(window)
 
     def renumbered(self, window: Window) -> CondensedWindow:
         """The same for a window that differs in numbers only; see `layout_of`."""
         other = copy.copy(self)
+        other._tracking = copy.copy(self._tracking)
+        other._tracking.renumber(window)
         other._set_numbers(window)
         return other
 
     # --- layout ----------------------------------------------------------------------------
 
-    def _set_points(self, window: Window) -> None:
-        """Points with a target or a held direction, and how states and rates give their poses."""
-        rows = []
-        for t, u in enumerate(window.unknowns):
-            for Z, (q, r) in u.points.items():
-                rows.append((t, q, r, *_pose_weights(window.mesh, window.length, Z)))
-        E, d, P = window.mesh.elements, window.mesh.degree, len(rows)
-        columns: list[Any] = list(zip(*rows, strict=True)) if P else [()] * 7
-        step, q, r, element, edge, of_states, of_rates = columns
-        self._point_step, self._point_element = np.array(step, int), np.array(element, int)
-        self._point_edge = np.array(edge, int)
-        self._q, self._r = np.array(q, int).reshape(P, 4), np.array(r, int).reshape(P, 3)
-        self._of_states = np.array(of_states).reshape(P, d + 1)
-        self._of_rates = np.array(of_rates).reshape(P, E, d)
-        self._step_of = np.zeros(window.bounds["lbx"].size, dtype=int)
-        for t, u in enumerate(window.unknowns):
-            for index in (u.x, *(part for pose in u.points.values() for part in pose)):
-                self._step_of[index] = t
+    def _set_local(self) -> None:
+        """Local variables by controls, and the elements' inputs by these, but for the tip force."""
+        trunk, (H, n), D = self._trunk, self.x.shape, self.held.size
+        A = strain_matrix(trunk) * np.array([1, *3 * [trunk.length]])[:, None]
+        self.extension = A[:, 0]
+        segments, muscles = len(A), n - 2
+        self._head = slice(4 * segments, 4 * segments + 2)
+        C = self._head.stop + D
+        self.to_local = np.zeros((C, n + D))
+        self.to_local[: self._head.start, :muscles] = A.reshape(-1, muscles)
+        self.to_local[self._head.start :, muscles:] = np.eye(2 + D)
+        self._forced = np.zeros((H, self._mesh.elements, FORCED, C))
+        strain = np.eye(4 * segments).reshape(segments, 4, -1)
+        self._forced[:, :, :4, : self._head.start] = strain[self._segment]
+        mean = np.tensordot(segment_fractions(trunk), strain[:, 0], 1)
+        self._forced[:, :, 4, : self._head.start] = mean
 
     def _set_numbers(self, window: Window) -> None:
         """Everything that may change from one motion to the next: targets, loads, the start."""
@@ -105,13 +110,15 @@ class CondensedWindow:
         mesh, trunk, H = self._mesh, self._trunk, len(self.x)
         steps = window.steps
         hung = any(is_hung(step.loads) for step in steps)
-        self._function = scaled_rates(window.length, window.moment, hung)
+        self._function = rates_in_units(hung)
         by_load = {
             load: mesh_parameters(trunk, load, mesh, hung).T
             for load in {step.loads for step in steps}
         }
         shape = (H, mesh.elements, mesh.degree, -1)
-        self._parameters = np.stack([by_load[step.loads] for step in steps]).reshape(shape)
+        loaded = np.stack([by_load[step.loads] for step in steps]).reshape(shape)
+        units = np.broadcast_to([window.length, window.moment], (*loaded.shape[:3], 2))
+        self._parameters = np.concatenate([loaded, units], axis=-1)
         self._force = np.array([step.loads.tip_force for step in steps]) / window.force
         self._pull = np.zeros((H, 3, self.held.size))
         for t, step in enumerate(steps):
@@ -123,17 +130,9 @@ class CondensedWindow:
                 self._pull[t, :, at : at + 3] = strength / window.force * np.eye(3)
             else:
                 self._force[t] += strength / window.force * window.known[held]
-        self._goals = [
-            (function, variables.T, parameters.T, self._step_of[variables].max(axis=0))
-            for function, variables, parameters in window.tracking()
-        ]
-        A = strain_matrix(trunk) * np.array([1, *3 * [trunk.length]])[:, None]
-        self.extension = A[:, 0]
-        self._forced = np.zeros((H, mesh.elements, FORCED, self.local))
-        muscles, n = A.shape[2], self.x.shape[1]
-        self._forced[:, :, :4, :muscles] = A[self._segment]
-        self._forced[:, :, 4, :muscles] = segment_fractions(trunk) @ A[:, 0]
-        self._forced[:, :, 5:, n:] = self._pull[:, None]
+        if self.held.size:
+            self._forced = self._forced.copy()
+            self._forced[:, :, 5:, self._head.stop :] = self._pull[:, None]
 
     # --- values ------------------------------------------------------------------------------
 
@@ -161,16 +160,10 @@ class CondensedWindow:
         """Update centerline, and poses of points, by the rates (H, E, d, 10)."""
         slopes = rates[..., POSITION]
         weights = gauss(self._mesh.degree).quadrature
-        lengths = (
-            np.tensordot(weights, slopes, (0, 2)) * (self._mesh.widths / self._length)[:, None]
-        )
+        lengths = (weights @ slopes) * (self._mesh.widths / self._length)[:, None]
         origin = full[self._line[:, :1]]
         full[self._line] = np.concatenate([origin, lengths], axis=1).cumsum(axis=1)
-        t, k = self._point_step, self._point_element
-        edges, inner = full[self._edges[t, self._point_edge, :4]], full[self._inner[t, k, :, :4]]
-        states = np.concatenate([edges[:, None], inner], axis=1)
-        full[self._q] = (self._of_states[:, None] @ states)[:, 0]
-        full[self._r] = origin[t, 0] + np.einsum("ped,pedc->pc", self._of_rates, slopes[t])
+        self._points.set(full, slopes)
 
     def updated(self, full: np.ndarray) -> tuple[np.ndarray, float]:
         """The decision vector with the variables updated that follow from others explicitly.
@@ -188,8 +181,7 @@ class CondensedWindow:
 
     def objective(self, full: np.ndarray) -> float:
         """Objective at a decision vector whose explicit variables are up to date."""
-        goals = (float(values(f, full[v], p).sum()) for f, v, p, _ in self._goals)
-        return sum(goals) + self._costs.at(self.window.before, full[self.x])[0]
+        return self._tracking.value(full) + self._costs.at(self.window.before, full[self.x])[0]
 
     def shape(self, full: np.ndarray) -> Shape:
         """The rods at a settled decision vector, batch axis (H,)."""
@@ -203,13 +195,10 @@ class CondensedWindow:
 
     def moved(self, model: QuadraticModel, step: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Decision vector after a share of a step in z, to first order."""
-        rods, full, local = (
-            model.rods,
-            model.full.copy(),
-            self._local(model, step)[:, None, :, None],
-        )
-        full[self.x] += share * step[: self.x.size].reshape(self.x.shape)
-        full[self.held.ravel()] += share * step[self.x.size :]
+        rods, full = model.rods, model.full.copy()
+        local, (own, held) = _with_newton(model, step)[:, None, :, None], model.by_step(step)
+        full[self.x] += share * own
+        full[self.held.ravel()] += share * held
         full[self._edges] += share * (rods.edges @ local)[..., 0]
         full[self._inner] += share * (rods.states @ (rods.inputs @ local)[:, :, None])[..., 0]
         return full
@@ -219,7 +208,7 @@ class CondensedWindow:
 
         By simplified Newton steps with the matrices of `rods`, a linearization nearby.
         """
-        full, n = full.copy(), self.x.shape[1]
+        full, first = full.copy(), self._head.stop
         for left in reversed(range(MAX_SETTLING)):
             at = self._equations(full)
             rates = at.rates()
@@ -230,8 +219,8 @@ class CondensedWindow:
                 directions = np.ravel([self._direction(full, d)[0] for d in self._references])
                 change = directions - full[self.held.ravel()]
                 full[self.held.ravel()] = directions
-                inputs = rods.inputs[..., n:-1] @ change
-                edges += rods.edges[..., n:-1] @ change
+                inputs = rods.inputs[..., first:-1] @ change
+                edges += rods.edges[..., first:-1] @ change
                 inner += (rods.states @ inputs[:, :, None, :, None])[..., 0]
                 residual = max(residual, float(np.abs(change).max()))
             if residual <= SETTLED_TOL or not residual <= MAX_RESIDUAL or not left:
@@ -269,104 +258,71 @@ class CondensedWindow:
         ------
         IllConditionedError
         """
-        full, n, C = full.copy(), self.x.shape[1], self.local
+        full, H, C = full.copy(), len(self.x), len(self.to_local)
         at = self._equations(full)
         head = full[self.x[:, -2:]]
-        base_slope = np.zeros((len(head), STATES, C))
-        none = np.zeros((len(head), 0))
-        base_slope[:, :, n - 2 : n] = first_derivatives(base(self._trunk), head, none)[1]
-        rods = CondensedRods.of(at, base_slope[:, 3:], self._forced)
+        pose = np.zeros((H, STATES, C))
+        pose[:, :, self._head] = first_derivatives(base(self._trunk), head, np.zeros((H, 0)))[1]
+        rods = CondensedRods.of(at, pose[:, 3:], self._forced)
         self._set_poses(full, rods.rates)
-        changes = self._changes(full.size, rods, base_slope[:, :3])
-        objective, gradient, blocks, own_forces, targets = self._tracking(full, changes)
-        forces = own_forces if forces is None else forces.copy()
+        changes = np.zeros((full.size, C + 1))
+        changes[self.x[:, -2:]] = np.eye(C + 1)[self._head]
+        changes[self.held.ravel()] = np.eye(C + 1)[self._head.stop : -1]
+        self._points.set_changes(changes, rods, pose[:, :3])
+        tracking = self._tracking.at(full, changes)
+        forces, blocks = (tracking.forces if forces is None else forces).copy(), tracking.blocks
         rows, rest = self._held_equations(full, changes, multipliers, forces, blocks)
         blocks += self._curvature(rods, head, forces)
-        gradient += blocks[:, :C, C]  # along the Newton step
         value, by_controls = self._costs.at(self.window.before, full[self.x])
-        whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
-        blocks = blocks[:, :C, :C].copy()
-        blocks[:, np.arange(n), np.arange(n)] += self._costs.diagonal[1:]
-        links = self._costs.links[1:]
+        along_newton = blocks[:, :C, C]
         return QuadraticModel(
-            full, objective + value, whole, blocks, links, rows, rest, rods, targets, changes
+            full,
+            tracking.value + value,
+            self._in_controls(tracking.gradient + along_newton, by_controls),
+            blocks[:, :C, :C],
+            self.to_local,
+            self._costs.diagonal[1:],
+            self._costs.links[1:],
+            rows,
+            rest,
+            rods,
+            tracking,
+            changes,
         )
 
     def recentered(self, model: QuadraticModel, full: np.ndarray) -> QuadraticModel:
-        """The model at a settled vector nearby: exact gradients of targets, all else as before.
+        """A model at a settled vector after a step, for second-order corrections.
 
-        For second-order corrections: a long step takes targets off by its square, which costs more
-        than all that the step gains, and one more step with the same matrices takes that back.
+        A long step takes targets off by its square, which costs more than all that the step gains.
+        One more step takes that back: by the poses' changes at hand, with a damped Gauss-Newton
+        Hessian, which leaves alone the directions that targets hardly feel.
         """
-        n, changes = self.x.shape[1], model.changes.copy()
+        changes = model.changes.copy()
         changes[:, -1] = 0.0
-        objective, gradient, _, _, targets = self._tracking(full, changes)
+        tracking, C = self._tracking.at(full, changes), len(self.to_local)
         value, by_controls = self._costs.at(self.window.before, full[self.x])
-        whole = np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
-        rest = np.zeros_like(model.held_rest)
+        blocks = tracking.blocks[:, :C, :C]
         return replace(
             model,
             full=full,
-            objective=objective + value,
-            gradient=whole,
-            held_rest=rest,
-            targets=targets,
+            objective=tracking.value + value,
+            gradient=self._in_controls(tracking.gradient, by_controls),
+            blocks=blocks,
+            diagonal=model.diagonal + DAMPING * np.abs(blocks).max(),
+            held_rest=np.zeros_like(model.held_rest),
+            tracking=tracking,
             changes=changes,
             newton=0.0,
         )
 
-    def _changes(self, size: int, rods: CondensedRods, base_slope: np.ndarray) -> np.ndarray:
-        """Changes (variables, C + 1) of controls, held directions and points; 0 for the others."""
-        n, C = self.x.shape[1], self.local
-        changes = np.zeros((size, C + 1))
-        changes[self.x], changes[self.held.ravel()] = np.eye(n, C + 1), np.eye(C + 1)[n:-1]
-        t, k = self._point_step, self._point_element
-        inputs = rods.inputs[t]  # (P, E, 16, C + 1)
-        P, E, d = self._of_rates.shape
-        inside = self._of_states[:, None, 1:] @ rods.states[t, k, :, :4].reshape(P, d, -1)
-        q = inside.reshape(P, 4, -1) @ inputs[np.arange(P), k]
-        changes[self._q] = q + self._of_states[:, :1, None] * rods.edges[t, self._point_edge, :4]
-        along = self._of_rates[:, :, None] @ rods.centerline[t].reshape(P, E, d, -1)
-        r = (along.reshape(P, E, 3, -1) @ inputs).sum(axis=1)
-        r[:, :, :-1] += base_slope[t]
-        changes[self._r] = r
-        return changes
-
-    def _tracking(
-        self, full: np.ndarray, changes: np.ndarray
-    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, Sequence[tuple[np.ndarray, ...]]]:
-        """Cost of targets: value, gradients, Hessians, forces, and `QuadraticModel.targets`."""
-        H, C = len(self.x), self.local
-        value, gradient, forces = 0.0, np.zeros((H, C)), np.zeros(full.size)
-        blocks = np.zeros((H, C + 1, C + 1))
-        parts: list[tuple[np.ndarray, ...]] = []
-        for function, variables, parameters, steps in self._goals:
-            w = full[variables]
-            error, slope = first_derivatives(function, w, parameters)
-            second = second_derivatives(function, w, parameters, np.ones((len(w), 1)))
-            change = changes[variables]  # (N, n, C + 1)
-            bent = second @ change
-            value += float(error.sum())
-            np.add.at(forces, variables, slope[:, 0])
-            gradient += _by_step(H, steps, (slope @ change)[:, 0, :-1])
-            blocks += _by_step(H, steps, change.swapaxes(-1, -2) @ bent)
-            parts.append((variables, steps, slope[:, 0], bent))
-        return value, gradient, blocks, forces, parts
-
     def expected_forces(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
         """Derivatives (variables,) of the targets' cost after a step in z, by the model."""
-        forces, local = np.zeros(model.full.size), self._local(model, step)
-        for variables, steps, slope, bent in model.targets:
-            np.add.at(forces, variables, slope + (bent @ local[steps, :, None])[..., 0])
-        return forces
+        return model.tracking.forces_after(_with_newton(model, step))
 
-    def _local(self, model: QuadraticModel, step: np.ndarray) -> np.ndarray:
-        """A step in z by local controls of each time step, and the Newton step, (H, C + 1)."""
-        H = len(self.x)
-        held = np.broadcast_to(step[self.x.size :], (H, self.held.size))
-        return np.concatenate(
-            [step[: self.x.size].reshape(self.x.shape), held, np.full((H, 1), model.newton)], axis=1
-        )
+    def _in_controls(self, by_local: np.ndarray, by_controls: np.ndarray) -> np.ndarray:
+        """Gradient in z from those by the local variables (H, C) and of the controls' costs."""
+        n, gradient = self.x.shape[1], by_local @ self.to_local
+        return np.append(by_controls + gradient[:, :n], gradient[:, n:].sum(axis=0))
 
     def _held_equations(
         self,
@@ -383,9 +339,10 @@ class CondensedWindow:
             own, t = slice(3 * i, 3 * i + 3), reference.step - self.window.offset
             d, slope, q = self._direction(full, reference)
             change, weights = slope @ changes[q], -multipliers[own]
+            by_own = change[:, :-1] @ self.to_local
             rows[own, first + 3 * i : first + 3 * i + 3] = np.eye(3)
-            rows[own, t * n : t * n + n] -= change[:, :n]
-            rows[own, first:] -= change[:, n:-1]
+            rows[own, t * n : t * n + n] -= by_own[:, :n]
+            rows[own, first:] -= by_own[:, n:]
             rest[own] = d + change[:, -1] - full[self.held[i]]
             forces[q] += weights @ slope
             function = director(reference.director)
@@ -395,44 +352,18 @@ class CondensedWindow:
 
     def _curvature(self, rods: CondensedRods, head: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Hessians (H, C + 1, C + 1) of poses, which forces on them weigh."""
-        H, E, d = rods.rates.shape[:3]
-        t, k = self._point_step, self._point_element
-        by_q, by_r = forces[self._q], forces[self._r]
-        by_edges, by_states = np.zeros((H, E + 1, STATES)), np.zeros((H, E, d, STATES))
-        by_line, by_base = np.zeros((H, E, d, 3)), np.zeros((H, STATES))
-        np.add.at(by_edges[..., :4], (t, self._point_edge), self._of_states[:, :1] * by_q)
-        np.add.at(by_states[..., :4], (t, k), self._of_states[:, 1:, None] * by_q[:, None])
-        by_line += _by_step(H, t, self._of_rates[..., None] * by_r[:, None, None])
-        np.add.at(by_base[:, :3], t, by_r)
-        weights, by_base[:, 3:] = rods.multipliers(by_edges, by_states, by_line)
-        blocks, n = rods.hessians(weights), self.x.shape[1]
-        turns = second_derivatives(base(self._trunk), head, np.zeros((H, 0)), by_base)
-        blocks[:, n - 2 : n, n - 2 : n] += turns
+        by_edges, by_states, by_line, by_origin = self._points.forces_on(rods, forces)
+        weights, by_orientation = rods.multipliers(by_edges, by_states, by_line)
+        blocks, by_base = rods.hessians(weights), np.hstack([by_origin, by_orientation])
+        turns = second_derivatives(base(self._trunk), head, np.zeros((len(head), 0)), by_base)
+        blocks[:, self._head, self._head] += turns
         return blocks
 
 
 _NONE = np.zeros((1, 0))
 
 
-def _by_step(count: int, steps: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Sums (count, ...) of values (N, ...) by their time steps (N,)."""
-    chosen = (steps == np.arange(count)[:, None]).astype(float)
-    sums = chosen @ values.reshape(len(values), -1)  # np.add.at takes ten times as long
-    return np.asarray(sums.reshape(count, *values.shape[1:]))
-
-
-@lru_cache(maxsize=1024)
-def _pose_weights(mesh: Mesh, length: float, Z: float) -> tuple[int, int, np.ndarray, np.ndarray]:
-    """How the pose at Z in m follows: its element, an edge, and weights of states and rates.
-
-    The orientation is weights (d + 1) of the states at that edge and the element's Gauss points;
-    the position is r(0) and weights (E, d) of the rates r'.
-    """
-    element, h = gauss(mesh.degree), mesh.widths / length
-    k, tau = (value.item() for value in mesh.locate(Z))
-    before = np.arange(mesh.elements)[:, None] < k
-    of_rates = np.where(before, h[:, None] * element.quadrature, 0.0)
-    of_rates[k] = h[k] * element.integral(tau)
-    if tau in (0.0, 1.0):
-        return k, k + int(tau), np.eye(mesh.degree + 1)[0], of_rates
-    return k, k, element.value(tau), of_rates
+def _with_newton(model: QuadraticModel, step: np.ndarray) -> np.ndarray:
+    """A step in z by local variables of each time step, and the Newton step, (H, C + 1)."""
+    local = model.local(step)
+    return np.column_stack([local, np.full(len(local), model.newton)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import piqp
@@ -52,6 +53,7 @@ class ControlQP:
     def __init__(self, condensed: CondensedWindow) -> None:
         H, n = condensed.x.shape
         self._held = condensed.held.size
+        self._basis, self._to_basis = np.linalg.qr(condensed.to_local.T)
         i, j = np.triu_indices(n + self._held)
         first = n * np.arange(H)[:, None]
         row, column = (np.where(k < n, first + k, (H - 1) * n + k) for k in (i, j))
@@ -62,6 +64,7 @@ class ControlQP:
         counts = np.bincount(slots // condensed.size, minlength=condensed.size)
         self._upper, self._pattern = (i, j), (slots % condensed.size, np.append(0, counts.cumsum()))
         self._set_rows(condensed)
+        self._kept: Any = None
 
     def _set_rows(self, condensed: CondensedWindow) -> None:
         """Rows of extensions and of changes, by the controls."""
@@ -96,6 +99,38 @@ class ControlQP:
         parts = (lower, -upper, rows_lower, -rows_upper)
         return max(float(part.max(initial=0.0)) for part in parts)
 
+    def _solver_of(self, program: tuple[Any, ...]) -> Any:
+        """PIQP's solver of a program; kept, which saves the analysis of the next one.
+
+        Not with equations, whose scaling an update leaves with other round-off, so that results
+        would depend on the programs before.
+        """
+        if self._kept is not None:
+            self._kept.update(*program)
+            return self._kept
+        solver = piqp.SparseSolver()
+        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL
+        solver.settings.preconditioner_iter = 1  # more save no iterations
+        solver.setup(*program)
+        self._kept = None if self._held else solver
+        return solver
+
+    def hessian(self, model: QuadraticModel) -> np.ndarray:
+        """Blocks (H, n + 3 D, n + 3 D) of a model's Hessian, made convex if they are not.
+
+        The costs of controls and their links are convex by themselves. So negative eigenvalues of
+        the rest change sign, in an orthonormal basis of the controls that strains depend on.
+        """
+        n, to_local = model.links.shape[1], model.to_local
+        blocks: np.ndarray = to_local.T @ model.blocks @ to_local
+        blocks[:, np.arange(n), np.arange(n)] += model.diagonal
+        if not _is_convex(blocks, model.links):
+            values, vectors = np.linalg.eigh(self._to_basis @ model.blocks @ self._to_basis.T)
+            vectors = self._basis @ vectors
+            blocks += (vectors * (np.abs(values) - values)[:, None]) @ vectors.swapaxes(-1, -2)
+        return blocks
+
     def solve(self, window: Window, model: QuadraticModel, x: np.ndarray) -> QPStep:
         """Minimize a model from controls x (H, controls), made convex if it is not.
 
@@ -103,19 +138,14 @@ class ControlQP:
         ------
         InfeasibleQPError, QPError
         """
-        blocks = model.blocks
-        if not _is_convex(blocks, model.links):
-            blocks = _made_convex(blocks, model.links)
+        blocks = self.hessian(model)
         lower, upper, rows_lower, rows_upper = self.bounds(window, x)
         scale = 1 / (np.abs(blocks).max() or 1.0)
         i, j = self._upper
         entries = np.concatenate([blocks[:, i, j].ravel(), model.links[1:].ravel()]) * scale
         data = np.bincount(self._slot, entries, self._pattern[0].size)
         n = model.gradient.size
-        solver = piqp.SparseSolver()
-        solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
-        solver.settings.eps_abs = solver.settings.eps_rel = QP_TOL
-        solver.setup(
+        program = (
             sp.csc_matrix((data, *self._pattern), (n, n)),
             scale * model.gradient,
             sp.csc_matrix(model.held_rows) if self._held else None,
@@ -126,6 +156,7 @@ class ControlQP:
             lower,
             upper,
         )
+        solver = self._solver_of(program)
         status = solver.solve()
         result = solver.result
         if status == piqp.PIQP_PRIMAL_INFEASIBLE:
@@ -148,20 +179,3 @@ def _is_convex(blocks: np.ndarray, links: np.ndarray) -> bool:
     except LinAlgError:
         return False
     return True
-
-
-def _made_convex(blocks: np.ndarray, links: np.ndarray) -> np.ndarray:
-    """The blocks with negative curvatures made positive, but for what covers the links.
-
-    Links are off the diagonal; with as much on it, they are convex by themselves.
-    """
-    n = links.shape[1]
-    cover = np.abs(links)
-    cover[:-1] += cover[1:]
-    rest = blocks.copy()
-    rest[:, np.arange(n), np.arange(n)] -= cover
-    values, vectors = np.linalg.eigh(rest)
-    convex: np.ndarray = blocks + (vectors * (np.abs(values) - values)[:, None]) @ vectors.swapaxes(
-        -1, -2
-    )
-    return convex

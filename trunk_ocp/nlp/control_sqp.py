@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..reporting import Progress, Reporter
 from ..rod.shape import Shape
 from .condensed_rods import IllConditionedError
 from .condensed_window import CondensedWindow
-from .control_qp import ControlQP, InfeasibleQPError, QPError, QPStep
+from .control_qp import ControlQP, InfeasibleQPError, QPError
 from .ipopt import Optimizer
 from .outcome import (
     CONVERGED_STATUSES,
@@ -28,49 +28,22 @@ from .outcome import (
     Outcome,
     Solve,
 )
-from .quadratic_model import QuadraticModel
+from .pace import Pace
+from .step_search import SQPPoint, StepSearch
 from .window import Window
 
 LABEL = ("horizon", "re-plan")
 """Stage and detail of progress reports and records."""
 MAX_ITERATIONS = 50
-MAX_HALVINGS = 6
-"""Of a step that does not lower the objective, or after which rods find no equilibrium."""
-MAX_CORRECTIONS = 2
-"""Second-order corrections of a step."""
 DECREASE_TOL = 1e-4
 """A solution: the decrease of the objective that a further iteration expects, over it."""
 POSITION_TOL = 1e-3
 """The same in m of one target's error: others that are out of reach must not hide it."""
 ROUND_OFF = 1e-10
 """Errors of objectives, relative: the equations are solved to `SETTLED_TOL`."""
-SUFFICIENT_DECREASE = 1e-4
 ITERATIONS_EXCEEDED, INFEASIBLE = "Maximum_Iterations_Exceeded", "Infeasible_Problem_Detected"
 STUCK = "Error_In_Step_Computation"
 """Messages, as Ipopt's; STUCK where the method does not apply, or makes no progress."""
-RESERVE = 1.5
-"""Time that must be left for another iteration, over that of the last one: some are longer."""
-
-
-@dataclass(frozen=True, eq=False)
-class SQPPoint:
-    """A decision vector, with what the next solve needs.
-
-    Attributes
-    ----------
-    full : (variables,)
-    multipliers : (3 D,)
-        Of the equations of held directions.
-    forces : (variables,) or None
-        As in `CondensedWindow.model`.
-    residual : float
-        Of the equations at `full`, for the window that it was found for.
-    """
-
-    full: np.ndarray
-    multipliers: np.ndarray
-    forces: np.ndarray | None = None
-    residual: float = math.inf
 
 
 class ControlSQP:
@@ -86,7 +59,13 @@ class ControlSQP:
 
     def shape(self, window: Window, full: np.ndarray) -> Shape:
         """Shapes (H,) of a window's steps at a decision vector in equilibrium."""
-        return self._condensed.renumbered(window).shape(full)
+        return self._of(window).shape(full)
+
+    def _of(self, window: Window) -> CondensedWindow:
+        """The condensed window; the newest is kept."""
+        if self._condensed.window is not window:
+            self._condensed = self._condensed.renumbered(window)
+        return self._condensed
 
     def start(self, full: np.ndarray) -> SQPPoint:
         """A point without knowledge from earlier solves."""
@@ -108,106 +87,54 @@ class ControlSQP:
         records : Optimizer
             Keeps the record and the totals of the solve; has the reporter and the most iterations.
         """
-        condensed, reporter = self._condensed.renumbered(window), records.reporter
-        point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
+        began, pace = time.perf_counter(), Pace(deadline)
         history: list[tuple[float, float, float]] = []
-        start = time.perf_counter()
-        most = min(MAX_ITERATIONS, records.max_iterations)
-        message, seconds = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK, 0.0
+        condensed, point = self._of(window), starts[0]
+        if len(starts) > 1:
+            point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
+        most, search = min(MAX_ITERATIONS, records.max_iterations), None
+        message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
-            began = time.perf_counter()
-            if seconds and (reporter.stop or began + RESERVE * seconds > deadline):
-                message = USER_STOPPED if reporter.stop else DEADLINE_PASSED
+            if search and records.reporter.stop:
+                message = USER_STOPPED
+                break
+            if search and not pace.allows("model", "program", "trial"):
+                message, point = DEADLINE_PASSED, search.polished(point)
                 break
             try:
-                model = condensed.model(point.full, point.multipliers, point.forces)
-                records.derivative_seconds += time.perf_counter() - began
+                with pace.part("model"):
+                    model = condensed.model(point.full, point.multipliers, point.forces)
                 x = model.full[condensed.x]
                 held = float(np.abs(model.held_rest).max(initial=0.0))
                 point = replace(point, full=model.full, residual=max(model.rods.residual, held))
                 violation = max(self._qp.violation(window, x), point.residual)
-                _report(window, reporter, model.full, len(history), violation)
+                _report(window, records.reporter, model.full, len(history), violation)
                 history.append((model.objective, violation, math.nan))
-                found = self._qp.solve(window, model, x)
+                with pace.part("program"):
+                    found = self._qp.solve(window, model, x)
             except (IllConditionedError, QPError) as failure:
                 message = INFEASIBLE if isinstance(failure, InfeasibleQPError) else STUCK
                 break
-            feasible, expected = violation <= FEASIBILITY_TOL, _change(model, found.step)
+            feasible, expected = violation <= FEASIBILITY_TOL, model.change(found.step)
             if feasible and -expected <= _negligible(model.objective):
                 message = CONVERGED_STATUSES[0]
                 break
-            asked = expected if feasible else math.inf
-            # The first iteration is finished in any case; others leave time to return.
-            ends = deadline - seconds / 2 if seconds else math.inf
-            accepted = self._accepted(condensed, window, model, found, asked, ends)
+            # The first iteration is finished in any case.
+            first, search = (
+                search is None,
+                StepSearch(self._qp, condensed, window, model, found, pace),
+            )
+            accepted = search.accepted(expected if feasible else math.inf, first)
             if accepted is None:
-                message = DEADLINE_PASSED if time.perf_counter() > ends else STUCK
+                message = STUCK if first or pace.allows("trial") else DEADLINE_PASSED
                 break
-            point, seconds = accepted, time.perf_counter() - began
+            point = accepted
         outcome = self._outcome(condensed, window, point, len(history), message)
-        records.solve_seconds += time.perf_counter() - start
+        records.derivative_seconds += pace.seconds["model"]
+        records.solve_seconds += time.perf_counter() - began
         records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
-
-    def _accepted(
-        self,
-        condensed: CondensedWindow,
-        window: Window,
-        model: QuadraticModel,
-        found: QPStep,
-        expected: float,
-        deadline: float,
-    ) -> SQPPoint | None:
-        """The first point that is accepted: after the step, a corrected step, or a share of it.
-
-        expected : change of the objective by the model, which the step must achieve in part;
-            infinite if the step restores bounds, so that any is accepted.
-        """
-        for halving in range(MAX_HALVINGS + 1):
-            if halving and time.perf_counter() > deadline:
-                break
-            share = 0.5**halving
-            moved = condensed.moved(model, found.step, share)
-            full, residual = condensed.settled(moved, model.rods)
-            if not residual <= FEASIBILITY_TOL:
-                continue
-            most = model.objective + SUFFICIENT_DECREASE * share * expected
-            if condensed.objective(full) <= most:
-                forces = condensed.expected_forces(model, share * found.step)
-                return SQPPoint(full, found.multipliers, forces, residual)
-            late = time.perf_counter() > deadline
-            if share < 1 or late:
-                continue
-            if point := self._corrected(condensed, window, model, full, most):
-                return point
-        return None
-
-    def _corrected(
-        self,
-        condensed: CondensedWindow,
-        window: Window,
-        model: QuadraticModel,
-        full: np.ndarray,
-        most: float,
-    ) -> SQPPoint | None:
-        """The point after second-order corrections of a step that led to `full`.
-
-        None if its objective is not `most` or less.
-        """
-        for _ in range(MAX_CORRECTIONS):
-            again = condensed.recentered(model, full)
-            try:
-                found = self._qp.solve(window, again, full[condensed.x])
-            except QPError:
-                return None
-            full, residual = condensed.settled(condensed.moved(again, found.step), model.rods)
-            if not residual <= FEASIBILITY_TOL:
-                return None
-            if condensed.objective(full) <= most:
-                forces = condensed.expected_forces(again, found.step)
-                return SQPPoint(full, found.multipliers, forces, residual)
-        return None
 
     def _outcome(
         self,
@@ -260,12 +187,3 @@ def _negligible(objective: float) -> float:
     """Decrease of an objective that is not worth an iteration."""
     objective = abs(objective)
     return max(min(DECREASE_TOL * objective, POSITION_TOL**2), ROUND_OFF * objective)
-
-
-def _change(model: QuadraticModel, step: np.ndarray) -> float:
-    """Change of a model's objective by a step in z."""
-    H, n = model.links.shape
-    own, held = step[: H * n].reshape(H, n), step[H * n :]
-    local = np.concatenate([own, np.broadcast_to(held, (H, held.size))], axis=1)
-    bent = (local[:, None] @ model.blocks @ local[..., None]).sum() / 2
-    return float(model.gradient @ step + bent + np.sum(model.links[1:] * own[1:] * own[:-1]))

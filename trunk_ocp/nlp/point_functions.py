@@ -12,7 +12,7 @@ import casadi as ca
 
 from ..model.anatomy import Trunk
 from ..model.head import base_pose
-from ..model.quaternions import about_y, about_z, directors, product
+from ..model.quaternions import Scalar, about_y, about_z, directors, product
 from ..model.solids import pivot
 from ..rod.equations import rate_arguments, rates
 
@@ -21,10 +21,23 @@ from ..rod.equations import rate_arguments, rates
 def scaled_rates(length: float, moment: float, hung: bool = False) -> ca.Function:
     """`rates` in the NLP's units (lengths in L, moments in E I(0) / L), per L of Z."""
     w, p = rate_arguments(hung)
-    to_si = ca.DM([1] * 4 + [moment] * 3 + [1] + [1 / length] * 3 + [1] + [moment / length] * 3)
-    to_units = ca.DM([length] * 4 + [length / moment] * 3 + [1] * 3)
     name = "hung_rates" if hung else "rates"
-    return ca.Function(name, [w, p], [to_units * rates(hung)(to_si * w, p)])
+    return ca.Function(name, [w, p], [_in_units(w, p, length, moment, hung)])
+
+
+@cache
+def rates_in_units(hung: bool = False) -> ca.Function:
+    """The same with length and moment as last parameters: one function, whatever the trunk."""
+    w, p = rate_arguments(hung)
+    units = ca.SX.sym("units", 2)
+    rates = _in_units(w, p, units[0], units[1], hung)
+    return ca.Function("rates_in_units", [w, ca.vertcat(p, units)], [rates])
+
+
+def _in_units(w: ca.SX, p: ca.SX, length: Scalar, moment: Scalar, hung: bool) -> ca.SX:
+    to_si = ca.vertcat(*4 * [1], *3 * [moment], 1, *3 * [1 / length], 1, *3 * [moment / length])
+    to_units = ca.vertcat(*4 * [length], *3 * [length / moment], 1, 1, 1)
+    return to_units * rates(hung)(to_si * w, p)
 
 
 @lru_cache(maxsize=64)

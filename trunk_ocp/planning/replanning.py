@@ -19,10 +19,11 @@ from .._support.provenance import versions
 from .._support.ranges import shown
 from ..contact.exchange import rows_for
 from ..errors import InputError
-from ..nlp.control_sqp import STUCK, ControlSQP, SQPPoint
+from ..nlp.control_sqp import STUCK, ControlSQP
 from ..nlp.ipopt import Optimizer
 from ..nlp.ipopt_options import WARM_OPTIONS
 from ..nlp.outcome import FEASIBILITY_TOL, Outcome
+from ..nlp.step_search import SQPPoint
 from ..nlp.window import Window
 from ..nlp.window_layout import can_condense, layout_of
 from ..problem.motion import Motion
@@ -33,6 +34,10 @@ from .plan import Plan, PlanError
 from .planner import seconds_allowed
 from .planning_run import PlanningRun
 from .status import ACCEPTED
+
+
+FORGOTTEN = 0.9
+"""What an earlier re-plan took after its solve counts so much less with each one since."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +93,7 @@ class Replanner:
         self._window = self._new_window(plan.motion)
         self._sqp = ControlSQP(self._window) if can_condense(self._window) else None
         self._newest = self._reached = _Point(self._window.pack(plan.x, plan.shape))
+        self._rest = 0.0  # seconds from a solve to its plan
         self._newest, _ = self._by_any(self._window, np.inf)
         self._reached = self._newest
 
@@ -165,7 +171,8 @@ class Replanner:
             same = self._newest is self._reached
             self._reached = _advanced(window, self._reached, advance)
             self._newest = self._reached if same else _advanced(window, self._newest, advance)
-        self._newest, outcome = self._by_any(window, ends)
+        self._newest, outcome = self._by_any(window, ends - self._rest)
+        solved = time.perf_counter()
         usable = outcome.converged or (outcome.late and outcome.infeasibility <= FEASIBILITY_TOL)
         if usable and window.reached(outcome.full):
             self._reached = self._newest
@@ -179,7 +186,7 @@ class Replanner:
             shape = self._sqp.shape(window, outcome.full)
         plan = run.plan(state, shape)
         del optimizer.solves[:-1]  # else a control loop would keep them all
-        return replace(
+        plan = replace(
             plan,
             late=outcome.late,
             deferred=deferred,
@@ -191,6 +198,8 @@ class Replanner:
             total_seconds=time.perf_counter() - began,
             solves=tuple(optimizer.solves),
         )
+        self._rest = max(time.perf_counter() - solved, FORGOTTEN * self._rest)
+        return plan
 
     def _by_any(self, window: Window, ends: float) -> tuple[_Point, Outcome]:
         """Solve a window by SQP; by Ipopt where that does not apply, or does not converge."""
