@@ -35,7 +35,6 @@ from .planner import seconds_allowed
 from .planning_run import PlanningRun
 from .status import ACCEPTED
 
-
 FORGOTTEN = 0.9
 """What an earlier re-plan took after its solve counts so much less with each one since."""
 

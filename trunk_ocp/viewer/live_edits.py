@@ -17,7 +17,8 @@ import numpy as np
 from .._support.toml_files import SMALLEST_NUMBER, validated
 from ..errors import InputError
 from ..problem.motion import Motion, Step
-from ..problem.problem_file import ProblemSpec, TargetSpec, WrapSpec
+from ..problem.problem_file import ProblemSpec
+from ..problem.target_specs import TargetSpec, WrapSpec
 from ..problem.targets import way_points
 
 SAME = 1e-9  # m; places closer than this are one
