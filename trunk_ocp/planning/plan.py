@@ -11,7 +11,6 @@ import numpy as np
 
 from .._support.blas_threads import one_thread
 from .._support.outputs import Displayed, outputs
-from .._support.wording import rounded, step_list
 from ..contact.between import gaps_between_steps
 from ..contact.clearance import Clearance
 from ..contact.gaps import Gap, gaps_at_steps, sharpest_bend
@@ -21,7 +20,7 @@ from ..errors import TrunkError
 from ..model.loads import Loads
 from ..nlp.gap_rows import GapRow
 from ..nlp.outcome import Solve, rank
-from ..problem.interpolation import interpolate, jumps, loads_at, planned_time
+from ..problem.interpolation import jumps
 from ..problem.motion import Motion
 from ..problem.weights import Weights
 from ..rod.buckling import Stability, all_stable, buckling_margin
@@ -29,10 +28,11 @@ from ..rod.collocation import Mesh
 from ..rod.flutter import MODES as VIBRATION_MODES
 from ..rod.flutter import Flutter, flutter
 from ..rod.shape import Shape
-from ..rod.statics import refined, solve_statics
+from .objective import Objective, objective_of, squared_rate
 from .plots import Plots
+from .sampling import Sample, sample_at
 from .status import FAILURES, Status
-from .step_errors import StepErrors, step_errors
+from .step_errors import StepErrors, missed_targets, step_errors
 from .verification import Verification, verify
 
 if TYPE_CHECKING:
@@ -53,40 +53,6 @@ CHECKS = (
     "_checked_status",
 )
 """Results of checks, which stay with a plan when only its record changes."""
-
-MAX_DEFECT = 1e-4
-"""Largest `Shape.defect` of a sample, beyond which its mesh is refined."""
-
-
-@dataclass(frozen=True)
-class Objective:
-    """Costs of a plan: the paper's J (eq. 42, un-squared norms, in m) and the planner's own.
-
-    The planner minimizes `tracking` + `effort` + `rate` + `head_effort`; see `Weights`.
-    """
-
-    paper: float
-    tracking: float
-    effort: float
-    rate: float
-    head_effort: float
-
-    @property
-    def total(self) -> float:
-        """What the planner minimizes."""
-        return self.tracking + self.effort + self.rate + self.head_effort
-
-
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """The moving trunk at one instant; `after` on the later side of a jump of the loads."""
-
-    time: float
-    activation: np.ndarray
-    head: np.ndarray
-    loads: Loads
-    shape: Shape
-    after: bool = False
 
 
 def planned_loads(motion: Motion, tip_forces: np.ndarray) -> tuple[Loads, ...]:
@@ -287,16 +253,7 @@ class Plan(Displayed):
     @property
     def fluttering(self) -> list[str]:
         """A sentence on the steps that flutter, if any do."""
-        steps = np.flatnonzero(self.flutter.flutters)
-        if not steps.size:
-            return []
-        worst = steps[np.argmax(self.flutter.growth[steps])]
-        growth, frequency = self.flutter.growth[worst], self.flutter.frequency[worst]
-        words = f"up to {growth:.2g}" if steps.size > 1 else f"{growth:.2g}"
-        return [
-            f"{step_list((steps + 1).tolist())} flutter{'s' * (steps.size == 1)}: growth {words} "
-            f"/s at {frequency:.2g} Hz, undamped; the couple is fixed in space"
-        ]
+        return self.flutter.sentences
 
     @cached_property
     def errors(self) -> tuple[StepErrors, ...]:
@@ -306,26 +263,15 @@ class Plan(Displayed):
     @cached_property
     def objective(self) -> Objective:
         """Costs, from the independently integrated shapes."""
-        position = sum(float(e.position_weights @ e.position**2) for e in self.errors)
-        direction = sum(float(e.direction_weights @ e.direction**2) for e in self.errors)
         return self.costs(
             self.weights,
-            sum(e.paper for e in self.errors),
-            position * self.motion.position_scale**2 + direction,
+            sum(errors.paper for errors in self.errors),
+            sum(errors.squared(self.motion.position_scale) for errors in self.errors),
         )
 
     def costs(self, weights: Weights, paper: float, tracking: float) -> Objective:
         """The objective with these weights, given its parts that do not depend on them."""
-        steps = self.motion.steps[: len(self.x)]
-        working = np.array([bool(step.targets) for step in steps], dtype=bool)  # others are free
-        squares = np.sum(self.x[working] ** 2, axis=0)
-        return Objective(
-            paper,
-            tracking,
-            effort=float(weights.of_muscles(self.motion.trunk.muscles) @ squares[:-2]),
-            rate=weights.rate * self.squared_rate,
-            head_effort=weights.head_effort * float(squares[-2:].sum()),
-        )
+        return objective_of(self.motion, self.x, weights, paper, tracking)
 
     @property
     def squared_rate(self) -> float:
@@ -333,9 +279,7 @@ class Plan(Displayed):
 
         Of straight lines between time steps, from the start on; interpolation adds to it.
         """
-        change = np.diff(self.trajectory, axis=0)
-        duration = np.array([step.duration for step in self.motion.steps[: len(self.x)]])
-        return float(np.sum(change**2 / duration[:, None]))
+        return squared_rate(self.motion, self.x)
 
     @property
     def status(self) -> Status:
@@ -421,22 +365,7 @@ class Plan(Displayed):
     @property
     def missed(self) -> list[str]:
         """Targets missed by more than the motion's tolerance, a sentence each."""
-        position, direction = self.motion.tolerance
-        sentences = []
-        for number, errors in enumerate(self.errors, 1):
-            for Z, error in zip(errors.position_Z, errors.position, strict=True):
-                if not error <= position:
-                    sentences.append(
-                        f"step {number}: the target at Z = {Z:g} m is missed by "
-                        f"{rounded(1e3 * error, 4)} mm, {1e3 * position:g} mm is allowed"
-                    )
-            for Z, error in zip(errors.direction_Z, errors.direction, strict=True):
-                if not error <= direction:
-                    sentences.append(
-                        f"step {number}: the direction at Z = {Z:g} m is missed by "
-                        f"{error:.3g}, {direction:g} is allowed"
-                    )
-        return sentences
+        return missed_targets(self.errors, self.motion.tolerance)
 
     @cached_property
     def jumps(self) -> tuple[float, ...]:
@@ -462,17 +391,7 @@ class Plan(Displayed):
         StaticsError
             If the trunk has no equilibrium at that time, or none that a mesh resolves.
         """
-        t = planned_time(self.motion, len(self.x), t)
-        controls = interpolate(self.motion, self.trajectory, t)
-        loads = loads_at(self.motion, self.loads, t, after)
-        activation, head = controls[:-2], controls[-2:]
-        # Of several equilibria, the one close to the planned shape of the nearest time step.
-        times = self.motion.times[: len(self.x)]
-        near = self.shape[int(np.argmin(np.abs(times - t)))] if len(times) else None
-        shape = solve_statics(self.motion.trunk, activation, head, loads, near=near)
-        if shape.defect > MAX_DEFECT:  # the plan's mesh was checked at its time steps only
-            shape = refined(shape, activation, head, loads)
-        return Sample(t, activation, head, loads, shape, after)
+        return sample_at(self.motion, self.x, self.loads, self.shape, t, after)
 
     @property
     def plot(self) -> Plots:

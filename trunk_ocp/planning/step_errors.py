@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from .._support.wording import rounded
 from ..problem.motion import Motion
 from ..problem.targets import Direction, HeldDirection, Target
 from .verification import Verification
@@ -32,6 +34,11 @@ class StepErrors:
         return float(
             self.position_weights @ self.position + self.direction_weights @ self.direction
         )
+
+    def squared(self, position_scale: float) -> float:
+        """Weighted sum of squared errors, positions in units of 1 / `position_scale` m."""
+        position = float(self.position_weights @ self.position**2)
+        return position * position_scale**2 + float(self.direction_weights @ self.direction**2)
 
     def exceed(self, tolerance: tuple[float, float]) -> bool:
         """Whether a position (m) or a direction is missed by more than a tolerance."""
@@ -71,6 +78,26 @@ def step_errors(
         ]
         errors.append(StepErrors(*_columns(positions), *_columns(directions)))
     return tuple(errors)
+
+
+def missed_targets(errors: Sequence[StepErrors], tolerance: tuple[float, float]) -> list[str]:
+    """Targets missed by more than a tolerance of positions (m) and directions, a sentence each."""
+    position, direction = tolerance
+    sentences = []
+    for number, step in enumerate(errors, 1):
+        for Z, error in zip(step.position_Z, step.position, strict=True):
+            if not error <= position:
+                sentences.append(
+                    f"step {number}: the target at Z = {Z:g} m is missed by "
+                    f"{rounded(1e3 * error, 4)} mm, {1e3 * position:g} mm is allowed"
+                )
+        for Z, error in zip(step.direction_Z, step.direction, strict=True):
+            if not error <= direction:
+                sentences.append(
+                    f"step {number}: the direction at Z = {Z:g} m is missed by "
+                    f"{error:.3g}, {direction:g} is allowed"
+                )
+    return sentences
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> float:

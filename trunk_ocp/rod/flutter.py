@@ -28,6 +28,7 @@ from scipy.linalg import eigh, lu_factor, lu_solve
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from .._support.arguments import check_arguments
+from .._support.wording import step_list
 from ..errors import InputError
 from ..model.activation import intrinsic_strain, mean_extension, stiffness, strains
 from ..model.loads import Loads, couple_density, internal_force, lever_density
@@ -77,6 +78,20 @@ class Flutter:
         """Whether a vibration grows, (...,) bool."""
         fastest = self._fastest
         return np.asarray((fastest.real > MIN_GROWTH * abs(fastest)) & (fastest.imag > 0))
+
+    @property
+    def sentences(self) -> list[str]:
+        """A sentence on the time steps (H,) that flutter, if any do."""
+        steps = np.flatnonzero(self.flutters)
+        if not steps.size:
+            return []
+        worst = steps[np.argmax(self.growth[steps])]
+        growth, frequency = self.growth[worst], self.frequency[worst]
+        words = f"up to {growth:.2g}" if steps.size > 1 else f"{growth:.2g}"
+        return [
+            f"{step_list((steps + 1).tolist())} flutter{'s' * (steps.size == 1)}: growth {words} "
+            f"/s at {frequency:.2g} Hz, undamped; the couple is fixed in space"
+        ]
 
     @property
     def _fastest(self) -> np.ndarray:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError, StaticsError
-from ..planning.plan import Plan, Sample
+from ..planning.plan import Plan
+from ..planning.sampling import Sample
 from ..rod.shape import Shape
 
 BLEND_TOL = 0.03 / 1.75  # of the trunk's length; larger errors of a blend get a key frame between
