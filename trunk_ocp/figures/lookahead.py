@@ -56,9 +56,10 @@ def draw_front(
         return style.save(front_figure(data), folder, f"front-{data['problem']}", formats)
 
 
+@style.self_contained
 def lookahead_figure(result: Foresight) -> Figure:
     """The figure that `draw_foresight` writes."""
-    above = style.header(result.motion, rows=2) + 4.0
+    above = style.header(result.motion, rows=2) + 6.0
     height = above + 94.0
     figure = style.new_figure(height)
     title = f"{style.title(result.motion)}: benefit of lookahead"
@@ -131,6 +132,7 @@ def _over_time(panels: list[Axes], plans: Sequence[tuple[Plan, str]]) -> None:
     motion = plans[0][0].motion
     for axes, label in zip(panels, labels, strict=True):
         style.shade_phases(axes, motion, motion.steps[-1].time)
+        style.number_phases(axes, motion, motion.steps[-1].time)
         axes.set_xlabel("time (s)")
         axes.set_ylabel(label)
     for plan, color in plans:
@@ -145,9 +147,12 @@ def _over_time(panels: list[Axes], plans: Sequence[tuple[Plan, str]]) -> None:
             axes.plot(at, values, "o-", color=color, markersize=2.5, clip_on=False, zorder=3)
     for axes in panels:
         axes.set_ylim(bottom=0)
+        axes.yaxis.get_offset_text().set_x(-0.18)  # beside the numbers of phases
+    panels[2].set_ylim(0, max(panels[2].get_ylim()[1], 1.1))
     panels[2].yaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
+@style.self_contained
 def survey_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_survey` writes."""
     cells = data["cells"]
@@ -196,6 +201,7 @@ def _limits(limits: Mapping[str, float | None]) -> str:
     return ", ".join(words) or "own bounds"
 
 
+@style.self_contained
 def front_figure(data: Mapping[str, Any]) -> Figure:
     """The figure that `draw_front` writes."""
     height = 70.0

@@ -20,6 +20,7 @@ from . import style
 
 PALE, DARK = 0.22, 0.5  # fraction of color in a band; opaque, to hide the shading of phases
 ROW_HEIGHT = 13.5  # mm
+MAX_NAME = 10  # letters of a group beside a row
 
 
 def draw_redundancy(
@@ -54,7 +55,8 @@ def redundancy_figure(redundancy: Redundancy) -> Figure:
                      "top": 1 - above / height, "bottom": 9 / height},
     )  # fmt: skip
     for row, (group, side) in enumerate(kinds):
-        panels[row, 0].set_ylabel(f"{group} {style.SIDES[side][0]}", color=style.INK)
+        name = style.escaped(style.shortened(group, MAX_NAME))
+        panels[row, 0].set_ylabel(f"{name}\n{style.SIDES[side][0]}", color=style.INK)
         for axes, segment in zip(panels[row], shown, strict=True):
             style.shade_phases(axes, plan.motion, end_of(plan))
             style.note_if_empty(axes, trunk, group, segment)
