@@ -41,7 +41,7 @@ EXPORT(base_moment) double *base_moment_place(void) { return told.base_moment; }
 EXPORT(point) double *point_place(void) { return told.point; }
 EXPORT(slopes) double *slopes_place(void) { return slopes_by_input; }
 
-/* Take the anatomy from `given`: its numbers, edges of segments, Z, muscles; 1 if it is too large. */
+/* Take the anatomy from `given`: numbers, edges of segments, Z, muscles; 1 if it is too large. */
 EXPORT(set_anatomy) int set_anatomy(int muscles, int segments, int drawn)
 {
     const double *next = given;
