@@ -6,7 +6,7 @@ import { makeSections, writeSections, writeSolution } from "./geometry.js";
 
 const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
-const WORTHWHILE = 0.999; // ratio of a pull's errors from one frame to the next
+const WORTHWHILE = 0.99; // ratio of a pull's errors from one frame to the next
 
 /** Why there is no shape, by the statuses of physics.js. */
 const REFUSALS = {
