@@ -8,6 +8,8 @@ const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
 const WORTHWHILE = 0.99; // ratio of a pull's errors from one frame to the next
 
+const WEIGHTLESS = "Shown without gravity, because the passive trunk does not hold its own weight.";
+
 /** Why there is no shape, by the statuses of physics.js. */
 const REFUSALS = {
   "no-equilibrium": "The trunk has no equilibrium at these settings, or none that was found.",
@@ -112,7 +114,8 @@ export class Trial {
       const why = REFUSALS[this.status] ?? `There is no shape to show: ${this.status}.`;
       return { kind: "bad", text: `${why} Gray is the last shape that has an equilibrium.` };
     }
-    const warnings = [...this.pullWarnings(), ...this.stabilityWarnings(), ...this.extensionWarnings()];
+    const weightless = this.plan.still && this.planned.gravity === 0 ? [WEIGHTLESS] : [];
+    const warnings = [...weightless, ...this.pullWarnings(), ...this.stabilityWarnings(), ...this.extensionWarnings()];
     if (warnings.length) return { kind: "warning", text: warnings.join(" ") };
     return { kind: "good", text: "In equilibrium." };
   }
