@@ -122,8 +122,7 @@ export class Trial {
 
   pullWarnings() {
     if (!this.pull || this.pull.reached || !this.pull.settled) return [];
-    const short = lengthText(this.pull.error);
-    return [`The trunk cannot follow: ${short} away, with muscles, head or extension at their limits.`];
+    return [`The trunk cannot follow within its limits: ${lengthText(this.pull.error)} away.`];
   }
 
   stabilityWarnings() {
@@ -164,7 +163,8 @@ function mixedLoads(loads, { before, after, weight }) {
   };
 }
 
-/** A length in m as text, in mm or cm. */
-export function lengthText(length) {
+/** A length in m as text. */
+function lengthText(length) {
+  if (length >= 1) return `${length.toFixed(2)} m`;
   return length < 0.1 ? `${(1e3 * length).toPrecision(2)} mm` : `${(100 * length).toFixed(0)} cm`;
 }

@@ -153,7 +153,7 @@ export class TryIt {
   writeTip() {
     const tip = this.positionOf(this.trial.sections.n - 1);
     byId("try-tip").querySelectorAll("input").forEach((input, i) => {
-      if (document.activeElement !== input) input.value = tip[i].toFixed(3);
+      if (document.activeElement !== input) input.value = tip[i].toFixed(3).replace(/^-(0\.0*)$/, "$1");
     });
   }
 }
