@@ -14,6 +14,7 @@ from trunk_ocp.model.loads import Loads
 from trunk_ocp.rod.buckling import buckling_margin
 from trunk_ocp.rod.collocation import mesh_for
 from trunk_ocp.rod.statics import solve_statics
+from trunk_ocp.rod.tip_jacobian import tip_jacobian
 from trunk_ocp.rod.unloaded import unloaded_states
 from trunk_ocp.rod.volume import section_scale
 from trust.validation import rods
@@ -246,6 +247,21 @@ def test_two_trunks_in_turn_do_not_disturb_each_other(tab):
         np.testing.assert_allclose(other["position"], one["position"], rtol=0, atol=2e-9)
 
 
+def test_the_jacobian_is_that_of_the_tip(tab):
+    setting = random_settings()[0]
+    trunk, activation, head, loads = setting.arguments
+    rows = tab.evaluate(
+        """([{ activation, head, loads }, Z]) => {
+          trunks.elephant.enter(activation, head, loads);
+          trunks.elephant.found(loads, { asked: Z });
+          return plain(trunks.elephant.slopes().rows);
+        }""",
+        [setting.request, trunk.length],
+    )
+    wanted, _ = tip_jacobian(expected(0)[1], activation, head, loads)
+    np.testing.assert_allclose(rows, wanted, rtol=0, atol=OTHER * np.abs(wanted).max())
+
+
 def test_a_shape_that_is_not_found_is_not_there(pairs):
     for _, found, wanted in pairs:
         if wanted is None:
@@ -259,7 +275,7 @@ def test_a_shape_that_is_not_found_is_not_there(pairs):
         ({"activation": [0.0] * 27}, "activation: expected 28 numbers, got 27"),
         ({"head": [0.0]}, "head: expected 2 numbers, got 1"),
         ({"loads": {"tip_force": [1.0]}}, "tip_force: expected 3 numbers, got 1"),
-        ({"loads": {"contact_from": 1.75}}, "contact_from = 1.75: expected a point Z in m from 0"),
+        ({"loads": {"contact_from": 1.75}}, "contact_from = 1.75: expected Z in m from 0 to below 1.75"),
     ],
 )
 def test_wrong_arguments_are_refused(tab, change, told):

@@ -2,7 +2,8 @@
 //
 // trunk.follow({ Z, target, activation, head, loads, bounds, start }) moves the point Z of the
 // centerline toward `target` (m). bounds: { lower, upper (muscles, then psi_Z, psi_Y),
-// extension: [low, high] of the unloaded trunk in every segment }. Returns what `solve` does and
+// extension: [low, high] of the unloaded trunk in every segment, optional }. Returns what `solve`
+// does and
 //   activation, head   the controls of that shape, within bounds if the first ones were
 //   reached            whether the point is at the target, to 1e-4 of the length
 //   error              distance of the point from the target, m; null where there is no shape
@@ -24,7 +25,9 @@ const WORTHWHILE = 0.98; // ratio of errors from one step to the next that is wo
 export function followed(trunk, { Z, target, activation, head, loads = {}, bounds, start = null }) {
   const drag = new Drag(trunk, Z, target, loads);
   let now = drag.visit([...activation, ...head], start, false);
-  if (!now.response) return { ...trunk.reported(now.status), activation, head, reached: false, error: null };
+  if (!now.response) {
+    return { ...trunk.reported(now.status), activation, head, reached: false, error: null };
+  }
   drag.bound(bounds, now);
   for (let step = 0; step < STEPS && now.error > CLOSE * drag.length; step += 1) {
     const next = drag.improved(now);
@@ -42,7 +45,7 @@ class Drag {
   }
 
   /** Take bounds, widened where the first controls are beyond them. */
-  bound({ lower, upper, extension: [low, high] }, { controls }) {
+  bound({ lower, upper, extension: [low, high] = [0, Infinity] }, { controls }) {
     this.lower = controls.map((x, i) => Math.min(lower[i], x));
     this.upper = controls.map((x, i) => Math.max(upper[i], x));
     this.range = controls.map((_, i) => this.upper[i] - this.lower[i]);
@@ -56,7 +59,10 @@ class Drag {
   /** Extension of a segment of the unloaded trunk. */
   stretch(segment, controls) {
     const { muscles } = this.trunk.tables;
-    return muscles.reduce((sum, m, i) => sum + (m.segment === segment ? m.strain[0] * controls[i] : 0), 1);
+    return muscles.reduce(
+      (sum, muscle, i) => sum + (muscle.segment === segment ? muscle.strain[0] * controls[i] : 0),
+      1,
+    );
   }
 
   /** The shape at some controls: where the point is, its response, and how to start from there. */
@@ -105,9 +111,9 @@ class Drag {
 
   /** What callers get of the last shape that was found. */
   result({ controls, start, error }) {
-    const { status } = this.trunk.last === start ? { status: "ok" } : this.visit(controls, start, false);
+    const held = this.trunk.last === start;
     return {
-      ...this.trunk.reported(status),
+      ...this.trunk.reported(held ? "ok" : this.visit(controls, start, false).status),
       activation: controls.slice(0, -2),
       head: controls.slice(-2),
       reached: error <= REACHED * this.length,
@@ -153,12 +159,13 @@ function leastChange({ rows, wanted, damping, limits, least, largest }) {
 function worstLimit(z, limits, joined) {
   let [worst, most] = [null, LIMIT_MARGIN / 2];
   limits.forEach(({ row, low, high }, key) => {
-    const value = dotProduct(row, z);
-    const violation = Math.max(low + LIMIT_MARGIN - value, value - high + LIMIT_MARGIN);
+    const now = dotProduct(row, z);
+    const violation = Math.max(low + LIMIT_MARGIN - now, now - high + LIMIT_MARGIN);
     if (joined.has(key) || violation <= most) return;
-    const side = value < low + LIMIT_MARGIN ? 1 : -1; // the sign of a multiplier that holds it
+    const side = now < low + LIMIT_MARGIN ? 1 : -1; // the sign of a multiplier that holds it
     const softness = LIMIT_SOFTNESS * dotProduct(row, row);
-    worst = { key, equation: { side, softness, value: side > 0 ? low + LIMIT_MARGIN : high - LIMIT_MARGIN } };
+    const value = side > 0 ? low + LIMIT_MARGIN : high - LIMIT_MARGIN;
+    worst = { key, equation: { side, softness, value } };
     most = violation;
   });
   return worst;
@@ -177,10 +184,11 @@ function boundedSolution(equations, least, largest) {
   for (let round = 0; ; round += 1) {
     const y = multipliers(equations, z, bound);
     const goal = z.map((value, i) => (bound[i] ? value : wantedOf(y, i)));
-    const part = goal.reduce((least_part, x, i) => Math.min(least_part, partTo(x, z[i], least[i], largest[i])), 1);
+    const parts = goal.map((x, i) => partTo(x, z[i], least[i], largest[i]));
+    const part = Math.min(1, ...parts);
     goal.forEach((x, i) => {
       if (bound[i]) return;
-      bound[i] = partTo(x, z[i], least[i], largest[i]) <= part && part < 1;
+      bound[i] = part < 1 && parts[i] <= part;
       z[i] += part * (x - z[i]);
       if (bound[i]) z[i] = x > z[i] ? largest[i] : least[i];
     });
