@@ -45,7 +45,7 @@ function addTrunk({ trunk, frames, times }, add) {
 /** Where a trunk at rest may be moved to: aside and up, in fractions of its length. */
 function addReach({ trunk: { length }, frames: { position } }, add) {
   const [x, y, z] = position.subarray(0, 3).map((value) => value / length);
-  for (const [dx, dy] of [[0.8, 0], [-0.8, 0], [0, 0.6], [0, -0.6]]) {
+  for (const [dx, dy] of [[0.95, 0], [-0.95, 0], [0, 0.7], [0, -0.7]]) {
     add(length * (x + dx), length * (y + dy), length * (z + 0.3));
   }
 }

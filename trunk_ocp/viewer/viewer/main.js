@@ -58,6 +58,7 @@ export function showPlan(payload, { quick = false } = {}) {
   look.colors = groupColors(plans);
   look.largest = Math.max(...activationRange(plans).map(Math.abs));
   document.body.dataset.still = plans.every(({ still }) => still);
+  document.body.dataset.plans = plans.length;
   document.title = payload.title;
   byId("title").textContent = payload.title;
   byId("subtitle").textContent = [payload.name, payload.trunk].filter(Boolean).join(", ");

@@ -132,9 +132,9 @@ export class TryIt {
 
   /** One step after the pulled point; called before every frame is drawn. */
   advance() {
-    if (!this.pulled) return;
-    this.follow(this.pulled);
-    if (this.trial.pull && !this.trial.pull.settled) this.wake();
+    if (!this.pulled || this.pulled.settled) return;
+    this.follow(this.pulled); // which wakes for the next step
+    this.pulled.settled = this.trial.pull?.settled ?? true;
   }
 
   follow({ Z, position }) {
@@ -153,7 +153,7 @@ export class TryIt {
   writeTip() {
     const tip = this.positionOf(this.trial.sections.n - 1);
     byId("try-tip").querySelectorAll("input").forEach((input, i) => {
-      if (document.activeElement !== input) input.value = tip[i].toFixed(3);
+      if (document.activeElement !== input) input.value = tip[i].toFixed(3).replace(/^-(0\.0*)$/, "$1");
     });
   }
 }
