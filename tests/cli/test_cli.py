@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from plans import POINT, TOUCH, arm_file, written
+from plans import POINT, ROD, TOUCH, arm_file, written
 
 from trunk_ocp.cli import commands
 from trunk_ocp.cli import finished_runs as runs
@@ -315,6 +315,21 @@ def test_a_solved_motion_is_drawn_filmed_and_shown(tmp_path, monkeypatch):
     assert quiet.exit_code == 0, quiet.output
     assert len(opened) == 1
     assert (out / "horizon" / "motion.html").exists()
+
+
+def test_a_trunk_is_viewed_without_a_plan(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = written(tmp_path, ROD, "my arm.toml")
+    for subject, name in (("asian-elephant", "asian-elephant"), (str(path), "soft-arm")):
+        result = CliRunner().invoke(commands.main, ["view", subject, "--no-browser"])
+        assert result.exit_code == 0, result.output
+        page = tmp_path / "results" / name / "trunk.html"
+        assert result.output.split() == [str(page)]
+        assert f"<title>{name}</title>" in page.read_text()
+    path.write_text(ROD.replace("length = 1.0", "length = -1.0"))
+    result = CliRunner().invoke(commands.main, ["view", str(path)])
+    assert result.exit_code == 2
+    assert "length = -1" in result.stderr
 
 
 @pytest.mark.parametrize("verb", ["convert", "view"])

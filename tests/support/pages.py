@@ -15,8 +15,10 @@ LAPTOP, PHONE = {"width": 1280, "height": 720}, {"width": 390, "height": 844}
 
 
 def settled(tab):
-    """Wait until the last change is drawn."""
+    """Wait until the last change is drawn, sharply."""
     tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+    until(tab, "!trunkPage.stage?.coarse")
+    tab.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 0)))")
 
 
 def until(tab, condition):

@@ -84,7 +84,16 @@ def compiled(source: str, python: str) -> bytes:
     """
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "physics.c").write_text(source, encoding="utf-8")
-        command = [python, "-m", "ziglang", "cc", *OPTIONS, "-o", "physics.wasm", "physics.c"]
+        command = [
+            str(Path(python).absolute()),
+            "-m",
+            "ziglang",
+            "cc",
+            *OPTIONS,
+            "-o",
+            "physics.wasm",
+            "physics.c",
+        ]
         subprocess.run(command, cwd=folder, check=True)
         module = (Path(folder) / "physics.wasm").read_bytes()
     # A custom section, which engines skip: id 0, its size, and its name by its length; < 128 bytes.

@@ -2,7 +2,8 @@
 //
 // trunk.follow({ Z, target, activation, head, loads, bounds, start }) moves the point Z of the
 // centerline toward `target` (m). bounds: { lower, upper (muscles, then psi_Z, psi_Y),
-// extension: [low, high] of the unloaded trunk in every segment }. Returns what `solve` does and
+// extension: [low, high] of the unloaded trunk in every segment, optional }. Returns what `solve`
+// does and
 //   activation, head   the controls of that shape, within bounds if the first ones were
 //   reached            whether the point is at the target, to 1e-4 of the length
 //   error              distance of the point from the target, m; null where there is no shape
@@ -16,16 +17,17 @@ const LARGEST_MOVE = 0.15; // of the length, that one step asks for
 const LARGEST_CHANGE = 0.1; // of a control's range, in one step
 const DAMPING = 1e-5; // relative, of the point's response to controls
 const HALVINGS = 3;
-const LIMIT_SOFTNESS = 1e-9; // relative, with which a step keeps limits of extension,
+const LIMIT_SOFTNESS = 1e-11; // relative, with which a step keeps limits of extension,
 const LIMIT_MARGIN = 1e-7; // and how far inside it keeps them
-const DUAL_STEPS = 20;
 const WORTHWHILE = 0.98; // ratio of errors from one step to the next that is worth another one
 
 /** See above; `trunk` is a PhysicsTrunk. */
 export function followed(trunk, { Z, target, activation, head, loads = {}, bounds, start = null }) {
   const drag = new Drag(trunk, Z, target, loads);
   let now = drag.visit([...activation, ...head], start, false);
-  if (!now.response) return { ...trunk.reported(now.status), activation, head, reached: false, error: null };
+  if (!now.response) {
+    return { ...trunk.reported(now.status), activation, head, reached: false, error: null };
+  }
   drag.bound(bounds, now);
   for (let step = 0; step < STEPS && now.error > CLOSE * drag.length; step += 1) {
     const next = drag.improved(now);
@@ -43,7 +45,7 @@ class Drag {
   }
 
   /** Take bounds, widened where the first controls are beyond them. */
-  bound({ lower, upper, extension: [low, high] }, { controls }) {
+  bound({ lower, upper, extension: [low, high] = [0, Infinity] }, { controls }) {
     this.lower = controls.map((x, i) => Math.min(lower[i], x));
     this.upper = controls.map((x, i) => Math.max(upper[i], x));
     this.range = controls.map((_, i) => this.upper[i] - this.lower[i]);
@@ -57,7 +59,10 @@ class Drag {
   /** Extension of a segment of the unloaded trunk. */
   stretch(segment, controls) {
     const { muscles } = this.trunk.tables;
-    return muscles.reduce((sum, m, i) => sum + (m.segment === segment ? m.strain[0] * controls[i] : 0), 1);
+    return muscles.reduce(
+      (sum, muscle, i) => sum + (muscle.segment === segment ? muscle.strain[0] * controls[i] : 0),
+      1,
+    );
   }
 
   /** The shape at some controls: where the point is, its response, and how to start from there. */
@@ -106,9 +111,9 @@ class Drag {
 
   /** What callers get of the last shape that was found. */
   result({ controls, start, error }) {
-    if (this.trunk.last !== start) this.visit(controls, start, false);
+    const held = this.trunk.last === start;
     return {
-      ...this.trunk.reported("ok"),
+      ...this.trunk.reported(held ? "ok" : this.visit(controls, start, false).status),
       activation: controls.slice(0, -2),
       head: controls.slice(-2),
       reached: error <= REACHED * this.length,
@@ -127,41 +132,98 @@ function boundedRatio(room, range, most) {
  * The z that minimizes |z|^2 + |rows z - wanted|^2 / damping within `least` and `largest` and with
  * every limit's `row` z between its `low` and `high`.
  *
- * By its dual: z = clip(rows^T y) for multipliers y of rows and limits, whose equations are
- * piecewise linear, and Newton's method solves them in a few steps.
+ * Limits join as equations, one by one, while they are violated, and leave where they would pull.
  */
 function leastChange({ rows, wanted, damping, limits, least, largest }) {
-  const all = [...rows, ...limits.map(({ row }) => row)];
-  const soft = limits.map(({ row }) => LIMIT_SOFTNESS * (dotProduct(row, row) + 1e-30));
-  const y = all.map(() => 0);
-  let z = least.map(() => 0);
-  for (let round = 0; round < DUAL_STEPS; round += 1) {
-    const free = z.map((value, i) => (value > least[i] && value < largest[i] ? 1 : 0));
-    if (round === 0) free.fill(1);
-    const residual = all.map((row, k) => {
-      const value = dotProduct(row, z);
-      if (k < rows.length) return value + damping * y[k] - wanted[k];
-      const { low, high } = limits[k - rows.length];
-      const inside = Math.min(Math.max(value, low + LIMIT_MARGIN), high - LIMIT_MARGIN);
-      return value - inside + soft[k - rows.length] * y[k];
-    });
-    const matrix = all.map((row, k) => {
-      const softness = k < rows.length ? damping : soft[k - rows.length];
-      const value = dotProduct(row, z);
-      const limit = limits[k - rows.length];
-      const acts = !limit || value < limit.low + LIMIT_MARGIN || value > limit.high - LIMIT_MARGIN;
-      return all.map((other, l) => {
-        const same = k === l ? softness : 0;
-        return acts ? row.reduce((sum, r, i) => sum + r * free[i] * other[i], same) : same;
-      });
-    });
-    const step = linearSolution(matrix, residual);
-    step.forEach((value, k) => (y[k] -= value));
-    const before = z;
-    z = least.map((low, i) => Math.min(Math.max(all.reduce((sum, row, k) => sum + row[i] * y[k], 0), low), largest[i]));
-    if (Math.max(...z.map((value, i) => Math.abs(value - before[i]))) < 1e-12) break;
+  const joined = new Map(); // values that limits have, by index
+  let z = null;
+  for (let round = 0; round < 3 * limits.length + 1; round += 1) {
+    const keys = [...joined.keys()];
+    const equations = [
+      ...rows.map((row, k) => ({ row, value: wanted[k], softness: damping })),
+      ...keys.map((key) => ({ row: limits[key].row, ...joined.get(key) })),
+    ];
+    const found = boundedSolution(equations, least, largest);
+    z = found.z;
+    const pulling = keys.filter((key, k) => found.y[rows.length + k] * joined.get(key).side < 0);
+    pulling.forEach((key) => joined.delete(key));
+    const worst = pulling.length ? null : worstLimit(z, limits, joined);
+    if (worst) joined.set(worst.key, worst.equation);
+    else if (!pulling.length) break;
   }
-  return z.map((value) => value * feasiblePart(z, limits));
+  const part = feasiblePart(z, limits);
+  return z.map((value) => value * part);
+}
+
+/** The limit that is violated most, and the equation that keeps it; null if there is none. */
+function worstLimit(z, limits, joined) {
+  let [worst, most] = [null, LIMIT_MARGIN / 2];
+  limits.forEach(({ row, low, high }, key) => {
+    const now = dotProduct(row, z);
+    const violation = Math.max(low + LIMIT_MARGIN - now, now - high + LIMIT_MARGIN);
+    if (joined.has(key) || violation <= most) return;
+    const side = now < low + LIMIT_MARGIN ? 1 : -1; // the sign of a multiplier that holds it
+    const softness = LIMIT_SOFTNESS * dotProduct(row, row);
+    const value = side > 0 ? low + LIMIT_MARGIN : high - LIMIT_MARGIN;
+    worst = { key, equation: { side, softness, value } };
+    most = violation;
+  });
+  return worst;
+}
+
+/**
+ * The z within bounds that minimizes |z|^2 + sum of |row z - value|^2 / softness, and y.
+ *
+ * Free variables have z = sum of y row. By an active set: those that hit a bound on their way stay
+ * there until the others are at their best, and the one that most wants to leave is let go.
+ */
+function boundedSolution(equations, least, largest) {
+  const z = least.map(() => 0);
+  const bound = least.map((low, i) => low === largest[i]);
+  const wantedOf = (y, i) => equations.reduce((sum, { row }, k) => sum + y[k] * row[i], 0);
+  for (let round = 0; ; round += 1) {
+    const y = multipliers(equations, z, bound);
+    const goal = z.map((value, i) => (bound[i] ? value : wantedOf(y, i)));
+    const parts = goal.map((x, i) => partTo(x, z[i], least[i], largest[i]));
+    const part = Math.min(1, ...parts);
+    goal.forEach((x, i) => {
+      if (bound[i]) return;
+      bound[i] = part < 1 && parts[i] <= part;
+      z[i] += part * (x - z[i]);
+      if (bound[i]) z[i] = x > z[i] ? largest[i] : least[i];
+    });
+    if (part < 1) continue;
+    const leaves = leavingVariable((i) => wantedOf(y, i), z, bound, least, largest);
+    if (leaves === null || round > 4 * z.length) return { z, y };
+    bound[leaves] = false;
+  }
+}
+
+/** The y of the best free variables, while the others are at their bounds. */
+function multipliers(equations, z, bound) {
+  const matrix = equations.map(({ row, softness }, k) => equations.map((other, l) =>
+    row.reduce((sum, r, i) => (bound[i] ? sum : sum + r * other.row[i]), k === l ? softness : 0)));
+  const rest = equations.map(({ row, value }) =>
+    row.reduce((sum, r, i) => (bound[i] ? sum - r * z[i] : sum), value));
+  return linearSolution(matrix, rest);
+}
+
+/** The share of the way from `now` to `goal` that is within bounds, at most 1. */
+function partTo(goal, now, low, high) {
+  if (goal > high) return (high - now) / (goal - now);
+  if (goal < low) return (low - now) / (goal - now);
+  return 1;
+}
+
+/** The variable at a bound that gains most by leaving it; null if none gains. */
+function leavingVariable(wanted, z, bound, least, largest) {
+  let [leaves, most] = [null, 1e-12];
+  z.forEach((value, i) => {
+    if (!bound[i] || least[i] === largest[i]) return;
+    const gain = value === largest[i] ? value - wanted(i) : wanted(i) - value;
+    if (gain > most) [leaves, most] = [i, gain];
+  });
+  return leaves;
 }
 
 /** Largest share of z, at most 1, that keeps all limits. */

@@ -12,6 +12,7 @@ export function sweptPoints(plans) {
   const add = (x, y, z) => points.push(inScene(x, y, z));
   for (const plan of plans) {
     addTrunk(plan, add);
+    if (plan.still) addReach(plan, add);
     addSolids(plan, add);
     for (const object of plan.objects) addObject(object, add);
     for (const { position } of plan.targets) add(...position);
@@ -38,6 +39,14 @@ function addTrunk({ trunk, frames, times }, add) {
       point.set(radius * Math.cos(angle), radius * Math.sin(angle), 0).applyQuaternion(turn);
       add(position[3 * k] + point.x, position[3 * k + 1] + point.y, position[3 * k + 2] + point.z);
     }
+  }
+}
+
+/** Where a trunk at rest may be moved to: aside and up, in fractions of its length. */
+function addReach({ trunk: { length }, frames: { position } }, add) {
+  const [x, y, z] = position.subarray(0, 3).map((value) => value / length);
+  for (const [dx, dy] of [[0.95, 0], [-0.95, 0], [0, 0.7], [0, -0.7]]) {
+    add(length * (x + dx), length * (y + dy), length * (z + 0.3));
   }
 }
 

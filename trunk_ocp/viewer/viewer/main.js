@@ -58,6 +58,7 @@ export function showPlan(payload, { quick = false } = {}) {
   look.colors = groupColors(plans);
   look.largest = Math.max(...activationRange(plans).map(Math.abs));
   document.body.dataset.still = plans.every(({ still }) => still);
+  document.body.dataset.plans = plans.length;
   document.title = payload.title;
   byId("title").textContent = payload.title;
   byId("subtitle").textContent = [payload.name, payload.trunk].filter(Boolean).join(", ");
@@ -212,6 +213,11 @@ globalThis.trunkPage = {
   },
   get trial() {
     return tryIt?.trial ?? null;
+  },
+  /** What is tried and drawn now, as plain numbers. */
+  tried() {
+    const { activation, head, mass, loads, status, stale, sections, extensions } = tryIt.trial;
+    return { activation, head, mass, loads, status, stale, extensions, position: [...sections.position] };
   },
 };
 

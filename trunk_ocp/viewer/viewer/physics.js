@@ -6,17 +6,17 @@
 //
 // SI units, angles in rad, space axes with +Z down. `loads`: gravity in m/s^2 (default 9.8),
 // tip_force [3] in N; contact_from in m, contact_force [3] in N, contact_couple [3] in N m.
-// `start`, of an earlier shape, makes `solve` start from there: faster, and on the same branch where a
-// trunk has several equilibria. A shape has
+// `start`, of an earlier shape, makes `solve` start from there: faster, and on the same branch
+// where a trunk has several equilibria. A shape has
 //   status     "ok" or "unstable" (an equilibrium, but it would buckle); else there is no shape:
-//              "no-equilibrium", "search-limit" (there may be one), "collapsed" (activations shorten
-//              a segment to nothing), "compressed" (loads do), "too-sharp", "not-finite"
+//              "no-equilibrium", "search-limit" (there may be one), "collapsed" (activations
+//              shorten a segment to nothing), "compressed" (loads do), "too-sharp", "not-finite"
 //   Z          (n) m, of `tables`; what follows is there, or null where there is no shape
 //   position   (3 n) m; directors (9 n): d_1, d_2, d_3 of each point; strain (n): extension zeta
 //   scale      factor on radii that keeps the trunk's volume
 //   base_moment [3] N m, in the directors
 //   margin     share of the stiffness that the loads leave: 1 without loads, near 0 next to
-//              buckling; a lower bound to within 1/256; 0 if unstable
+//              buckling; a lower bound to within 1/64; 0 if unstable
 //   unloaded   { position, directors } without loads; null if collapsed or not finite
 //   start
 // trunk.follow is described in follow.js.
@@ -27,6 +27,10 @@ const PHYSICS_STATUSES = [
   "ok", "no-equilibrium", "collapsed", "not-finite", "too-sharp", "compressed", "search-limit",
 ];
 const POINT_OUTPUTS = 19; // of an export; position comes first
+const NO_SHAPE = {
+  position: null, directors: null, strain: null, scale: null, base_moment: null, margin: null,
+  start: null,
+};
 
 /** The module, ready for trunks of any anatomy. */
 export function loadPhysics(bytes) {
@@ -80,9 +84,9 @@ class PhysicsTrunk {
       ...checked("contact_couple", contact_couple ?? [0, 0, 0], 3),
     ];
     if (contact_from != null && !(contact_from >= 0 && contact_from < this.tables.length)) {
-      throw new RangeError(
-        `contact_from = ${contact_from}: expected a point Z in m from 0 to below ${this.tables.length}`,
-      );
+      const { length } = this.tables;
+      const told = `contact_from = ${contact_from}: expected Z in m from 0 to below ${length}`;
+      throw new RangeError(told);
     }
     this.physics.at("input", numbers.length).set(numbers);
   }
@@ -121,8 +125,7 @@ class PhysicsTrunk {
       position: physics.at("unloaded_position", 3 * Z.length).slice(),
       directors: physics.at("unloaded_directors", 9 * Z.length).slice(),
     } : null;
-    const none = { position: null, directors: null, strain: null, scale: null };
-    if (status !== "ok") return { status, Z, ...none, base_moment: null, margin: null, unloaded, start: null };
+    if (status !== "ok") return { status, Z, ...NO_SHAPE, unloaded };
     exports.describe();
     const stable = this.stable();
     return {
@@ -162,7 +165,7 @@ class PhysicsTrunk {
     ];
     physics.at("given", numbers.length).set(numbers);
     if (physics.exports.set_anatomy(this.muscles, tables.edges.length - 1, tables.Z.length)) {
-      throw new RangeError("the trunk has more muscles, segments or points Z than physics.wasm has room for");
+      throw new RangeError("more muscles, segments or points Z than physics.wasm has room for");
     }
     physics.owner = this;
     this.last = null;

@@ -8,6 +8,9 @@ const FIELD_OF_VIEW = 32; // degrees, vertical
 const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at the start, rad
 const CLICK_DISTANCE = 5; // px that a pointer may move in a click
 const BACKGROUND = 0xf6f5f2;
+const SLOW = { least: 28, most: 250, frames: 3 }; // ms between frames in motion that are too slow
+const COARSE = 0.6; // resolution of a slow browser's frames while something moves
+const STILL_AFTER = 200; // ms
 const INSETS = { left: 12, right: 12, top: 50, bottom: 20 }; // px of a view that stay free
 
 export class Stage {
@@ -22,8 +25,31 @@ export class Stage {
     this.controls.addEventListener("change", onChange);
     this.onPick = onPick;
     this.onChange = onChange;
+    this.coarse = false;
     this.setPlans(plans);
     this.listen();
+  }
+
+  /** Draw in full resolution, or coarsely. */
+  sharpen(coarse) {
+    this.coarse = coarse;
+    const full = this.software ? 1 : Math.min(devicePixelRatio, 2);
+    this.renderer.setPixelRatio(coarse ? COARSE : full);
+  }
+
+  /** Draw coarsely as soon as frames come too slowly, and sharply again when nothing moves. */
+  watchPace() {
+    const now = performance.now();
+    const gap = now - (this.drawn ?? 0);
+    this.drawn = now;
+    this.slow = gap > SLOW.least && gap < SLOW.most ? (this.slow ?? 0) + 1 : 0;
+    if (this.slow === SLOW.frames && !this.coarse) this.sharpen(true);
+    if (!this.coarse) return;
+    clearTimeout(this.still);
+    this.still = setTimeout(() => {
+      this.sharpen(false);
+      this.onChange();
+    }, STILL_AFTER);
   }
 
   /** Show plans; the camera stays if the trunks are those of before. */
@@ -35,15 +61,21 @@ export class Stage {
     } else {
       this.scenes = plans.map((plan) => new PlanScene(plan));
     }
-    this.points = sweptPoints(plans);
+    this.points = null; // those of these plans, when they are needed
     if (same) return;
-    const { center, size } = boxAround(this.points); // size: about 1.3 m for an elephant
+    const { center, size } = boxAround(this.swept()); // size: about 1.3 m for an elephant
     this.center = center;
     [this.camera.near, this.camera.far] = [0.04 * size, 40 * size];
     [this.nearest, this.farthest] = [0.2 * size, 16 * size];
     this.fitted = null;
     this.resize();
     this.reset();
+  }
+
+  /** Points on all that is shown at any time. */
+  swept() {
+    this.points ??= sweptPoints(this.scenes.map(({ plan }) => plan));
+    return this.points;
   }
 
   listen() {
@@ -61,8 +93,8 @@ export class Stage {
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
     if (!width || !height) return;
-    this.renderer.setPixelRatio(this.software ? 1 : Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
+    this.sharpen(this.coarse);
     const moved = this.fitted && this.touched();
     this.arrange(width, height);
     if (this.fitted && !moved) this.reset();
@@ -73,7 +105,7 @@ export class Stage {
   arrange(width, height) {
     const arrangements = [true, false].map((beside) => views(this.scenes.length, width, height, beside));
     const turn = this.lookAlong(DIRECTION);
-    const points = seenFrom(this.points, turn);
+    const points = seenFrom(this.swept(), turn);
     const distances = arrangements.map(([view]) => nearestPlace(points, slopes(view)).z);
     this.views = arrangements[distances[0] <= distances[1] ? 0 : 1];
   }
@@ -95,7 +127,7 @@ export class Stage {
   reset() {
     if (!this.views) return;
     const turn = this.lookAlong(DIRECTION);
-    const place = nearestPlace(seenFrom(this.points, turn), slopes(this.views[0]));
+    const place = nearestPlace(seenFrom(this.swept(), turn), slopes(this.views[0]));
     const depth = this.center.clone().applyQuaternion(turn.clone().invert()).z;
     this.controls.target.set(place.x, place.y, depth).applyQuaternion(turn);
     this.camera.position.copy(place).applyQuaternion(turn);
@@ -123,6 +155,7 @@ export class Stage {
   render() {
     const { renderer, camera, canvas } = this;
     if (!this.views) return;
+    this.watchPace();
     const height = canvas.parentElement.clientHeight;
     renderer.setScissorTest(true);
     this.views.forEach((view, i) => {

@@ -6,7 +6,9 @@ import { makeSections, writeSections, writeSolution } from "./geometry.js";
 
 const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
-const WORTHWHILE = 0.999; // ratio of a pull's errors from one frame to the next
+const WORTHWHILE = 0.99; // ratio of a pull's errors from one frame to the next
+
+const WEIGHTLESS = "Shown without gravity, because the passive trunk does not hold its own weight.";
 
 /** Why there is no shape, by the statuses of physics.js. */
 const REFUSALS = {
@@ -112,15 +114,15 @@ export class Trial {
       const why = REFUSALS[this.status] ?? `There is no shape to show: ${this.status}.`;
       return { kind: "bad", text: `${why} Gray is the last shape that has an equilibrium.` };
     }
-    const warnings = [...this.pullWarnings(), ...this.stabilityWarnings(), ...this.extensionWarnings()];
+    const weightless = this.plan.still && this.planned.gravity === 0 ? [WEIGHTLESS] : [];
+    const warnings = [...weightless, ...this.pullWarnings(), ...this.stabilityWarnings(), ...this.extensionWarnings()];
     if (warnings.length) return { kind: "warning", text: warnings.join(" ") };
     return { kind: "good", text: "In equilibrium." };
   }
 
   pullWarnings() {
     if (!this.pull || this.pull.reached || !this.pull.settled) return [];
-    const short = lengthText(this.pull.error);
-    return [`The trunk cannot follow: ${short} away, with muscles, head or extension at their limits.`];
+    return [`The trunk cannot follow within its limits: ${lengthText(this.pull.error)} away.`];
   }
 
   stabilityWarnings() {
@@ -161,7 +163,8 @@ function mixedLoads(loads, { before, after, weight }) {
   };
 }
 
-/** A length in m as text, in mm or cm. */
-export function lengthText(length) {
+/** A length in m as text. */
+function lengthText(length) {
+  if (length >= 1) return `${length.toFixed(2)} m`;
   return length < 0.1 ? `${(1e3 * length).toPrecision(2)} mm` : `${(100 * length).toFixed(0)} cm`;
 }

@@ -8,6 +8,8 @@ import { loadPhysics } from "./physics.js";
 import { Sliders } from "./sliders.js";
 import { Trial } from "./trial.js";
 
+const PANEL_INTERVAL = 120; // ms
+
 /** `open(plans, time)` starts it, `close()` ends it; `wake()` is called when there is more to draw. */
 export class TryIt {
   constructor(stage, look, wake) {
@@ -84,13 +86,26 @@ export class TryIt {
     const { trial, time } = this;
     const { sections, activation, head, mass, stale, pull } = trial;
     this.stage.scenes[this.number].tried = { sections, activation, head, mass, stale, pull };
-    this.sliders.show(trial);
-    this.writeTip();
-    const { kind, text } = trial.message;
-    setText(byId("try-message"), text);
-    byId("try-message").dataset.kind = kind;
     bridge.emit("controls", { activation: [...activation], head: [...head], time });
+    this.writePanel();
     this.wake();
+  }
+
+  /** Write the panel, at most every `PANEL_INTERVAL`: it takes as long as to draw the trunk. */
+  writePanel() {
+    if (this.writing) return;
+    const now = performance.now();
+    const wait = Math.max(0, (this.written ?? -Infinity) + PANEL_INTERVAL - now);
+    this.writing = setTimeout(() => {
+      this.writing = null;
+      this.written = performance.now();
+      if (!this.trial) return;
+      this.sliders.show(this.trial);
+      this.writeTip();
+      const { kind, text } = this.trial.message;
+      setText(byId("try-message"), text);
+      byId("try-message").dataset.kind = kind;
+    }, wait);
   }
 
   /** The point of the trunk under a ray: Z and position in m; null beside the trunk. */
@@ -117,9 +132,9 @@ export class TryIt {
 
   /** One step after the pulled point; called before every frame is drawn. */
   advance() {
-    if (!this.pulled) return;
-    this.follow(this.pulled);
-    if (this.trial.pull && !this.trial.pull.settled) this.wake();
+    if (!this.pulled || this.pulled.settled) return;
+    this.follow(this.pulled); // which wakes for the next step
+    this.pulled.settled = this.trial.pull?.settled ?? true;
   }
 
   follow({ Z, position }) {
@@ -138,7 +153,7 @@ export class TryIt {
   writeTip() {
     const tip = this.positionOf(this.trial.sections.n - 1);
     byId("try-tip").querySelectorAll("input").forEach((input, i) => {
-      if (document.activeElement !== input) input.value = tip[i].toFixed(3);
+      if (document.activeElement !== input) input.value = tip[i].toFixed(3).replace(/^-(0\.0*)$/, "$1");
     });
   }
 }

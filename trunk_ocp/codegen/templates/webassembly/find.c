@@ -25,13 +25,11 @@ static int compressed(void)
         gather(&work, e, w);
         force_rates(w, section[e], rate);
         for (int j = 0; j < NODES; j++) {
-            const double q0 = w[j], q1 = w[NODES + j], q2 = w[2 * NODES + j], q3 = w[3 * NODES + j];
-            const double d[3] = {2 * (q1 * q3 + q0 * q2), 2 * (q2 * q3 - q0 * q1),
-                                 q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3};
-            double along = 0, norm = 0;
-            for (int i = 0; i < 3; i++) along += d[i] * rate[NODES * (3 + i) + j];
-            for (int i = 0; i < 3; i++) norm += d[i] * d[i];
-            zeta[j] = along / norm;
+            const double q[4] = {w[j], w[NODES + j], w[2 * NODES + j], w[3 * NODES + j]};
+            double d[9];
+            set_directors(q, d);
+            zeta[j] = 0; /* but for |q|^2, from the rate */
+            for (int i = 0; i < 3; i++) zeta[j] += d[6 + i] * rate[NODES * (3 + i) + j];
             if (!(zeta[j] > 0)) return 1;
         }
         for (int end = 0; end < 2; end++) {

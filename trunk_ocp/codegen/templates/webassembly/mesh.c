@@ -197,6 +197,16 @@ static void orientation(const trunk_shape *shape, int e, const double weight[NOD
     }
 }
 
+/* Directors (9) of an orientation, which need not have length 1. */
+static void set_directors(const double q[4], double d[9])
+{
+    const double anywhere[5] = {1, 1, 1, 1, 1};
+    double state[15] = {0}, value[16];
+    for (int c = 0; c < 4; c++) state[c] = q[c];
+    report_values(state, anywhere, value);
+    for (int i = 0; i < 9; i++) d[i] = value[i];
+}
+
 /* Carry the shape in the work over from an old mesh. */
 static void resample(const trunk_mesh *old)
 {

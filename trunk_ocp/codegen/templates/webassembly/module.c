@@ -12,7 +12,7 @@ static double given[16 + MAX_SEGMENTS + 1 + MAX_DRAWN + 5 * MAX_MUSCLES];
 static struct {
     double position[MAX_DRAWN][3], directors[MAX_DRAWN][9], strain[MAX_DRAWN];
     double unloaded_position[MAX_DRAWN][3], unloaded_directors[MAX_DRAWN][9];
-    double base_moment[3], point[3], scale, margin;
+    double base_moment[3], point[3], scale;
 } told;
 
 /*
@@ -41,10 +41,11 @@ EXPORT(base_moment) double *base_moment_place(void) { return told.base_moment; }
 EXPORT(point) double *point_place(void) { return told.point; }
 EXPORT(slopes) double *slopes_place(void) { return slopes_by_input; }
 
-/* Take the anatomy from `given`: its numbers, edges of segments, Z, muscles; 1 if it is too large. */
+/* Take the anatomy from `given`: numbers, edges of segments, Z, muscles; 1 if it is too large. */
 EXPORT(set_anatomy) int set_anatomy(int muscles, int segments, int drawn)
 {
     const double *next = given;
+    double p[5];
     if (muscles > MAX_MUSCLES || segments > MAX_SEGMENTS || drawn > MAX_DRAWN) return 1;
     anatomy.muscles = muscles;
     anatomy.segments = segments;
@@ -65,11 +66,8 @@ EXPORT(set_anatomy) int set_anatomy(int muscles, int segments, int drawn)
     for (int s = 0; s < segments; s++)
         fraction[s] =
             (anatomy.segment_edge[s + 1] - anatomy.segment_edge[s]) / anatomy.length;
-    {
-        double p[5];
-        set_section(0, p, 1);
-        small_moment = 1e-3 * p[2] / anatomy.length;
-    }
+    set_section(0, p, 1);
+    small_moment = 1e-3 * p[2] / anatomy.length;
     jumps.contact_from = jumps.asked = NAN;
     set_gauss();
     set_mesh(FIRST_ELEMENTS);
@@ -194,40 +192,36 @@ EXPORT(differentiate) int differentiate(void)
     return trunk_jacobian(&work, slopes_by_input);
 }
 
+/* Move the pose of an unloaded section, q (4) and r (3), along a segment from one Z to another. */
+static void step_unloaded(double pose[7], const double strain[4], double from, double to)
+{
+    double w[8], p[4 + MOMENTS], end[7];
+    for (int i = 0; i < 4; i++) w[i] = pose[i];
+    for (int i = 0; i < 4; i++) w[4 + i] = strain[i];
+    set_piece(from, to, p);
+    stepped_values(w, p, end);
+    for (int i = 0; i < 4; i++) pose[i] = end[i];
+    for (int i = 0; i < 3; i++) pose[4 + i] += end[4 + i];
+}
+
 /* Shape without loads at the activations and head angles of `input`; returns a status. */
 EXPORT(unloaded) int unloaded_shape(void)
 {
-    double strain[MAX_SEGMENTS][4], mean, base[7], at = 0;
-    int status = all_finite(input, TRUNK_CONTROLS) ? TRUNK_OK : TRUNK_NOT_FINITE;
+    double strain[MAX_SEGMENTS][4], mean, pose[7], at = 0;
+    int status = all_finite(input, TRUNK_CONTROLS) ? TRUNK_OK : TRUNK_NOT_FINITE, i = 0;
     if (!status) status = set_strain(input, strain, &mean);
     if (status) return status;
-    base_values(input + TRUNK_HEAD, head_numbers, base);
-    for (int s = 0, i = 0; s < anatomy.segments; s++) {
-        for (;;) {
-            const int inside =
-                i < anatomy.drawn && anatomy.Z[i] <= anatomy.segment_edge[s + 1];
-            double w[8], p[4 + MOMENTS], end[7];
-            const double Z = inside ? anatomy.Z[i] : anatomy.segment_edge[s + 1];
-            for (int k = 0; k < 4; k++) w[k] = base[k];
-            for (int k = 0; k < 4; k++) w[4 + k] = strain[s][k];
-            if (Z > at) {
-                set_piece(at, Z, p);
-                stepped_values(w, p, end);
-                for (int k = 0; k < 4; k++) base[k] = end[k];
-                for (int k = 0; k < 3; k++) base[4 + k] += end[4 + k];
-                at = Z;
-            }
-            if (!inside) break;
-            {
-                double state[15] = {0}, value[16];
-                const double ones[5] = {1, 1, 1, 1, 1};
-                for (int k = 0; k < 4; k++) state[k] = base[k];
-                report_values(state, ones, value);
-                for (int k = 0; k < 9; k++) told.unloaded_directors[i][k] = value[k];
-            }
-            for (int k = 0; k < 3; k++) told.unloaded_position[i][k] = base[4 + k];
-            i++;
+    base_values(input + TRUNK_HEAD, head_numbers, pose);
+    for (int s = 0; s < anatomy.segments; s++) {
+        const double end = anatomy.segment_edge[s + 1];
+        for (; i < anatomy.drawn && anatomy.Z[i] <= end; i++) {
+            if (anatomy.Z[i] > at) step_unloaded(pose, strain[s], at, anatomy.Z[i]);
+            at = anatomy.Z[i];
+            set_directors(pose, told.unloaded_directors[i]);
+            for (int k = 0; k < 3; k++) told.unloaded_position[i][k] = pose[4 + k];
         }
+        if (end > at) step_unloaded(pose, strain[s], at, end);
+        at = end;
     }
     return TRUNK_OK;
 }

@@ -19,7 +19,8 @@ typedef struct {
 
 static trunk_variation variation[MAX_ELEMENTS];
 
-/* Integrand at a Gauss point: y' = rate s, and Q = |s|^2 + y . (by_turn y + by_rate s). */
+/* Integrand at a Gauss point: y' = rate s, and Q = |s|^2 + y . (by_turn y + by_rate s). Its weight
+ * is in it. */
 typedef struct {
     double rate[3][3], by_turn[3][3], by_rate[3][3];
 } trunk_integrand;
@@ -28,14 +29,11 @@ static void set_integrand(trunk_integrand *at, int e, int j, const double *w, co
 {
     const double *p = section[e] + j;
     const double weight = width[e] * gauss_b[j], zeta_hat = w[NODES * 7 + j], mean = work.mean;
-    double state[15] = {1}, d[16], N[3], across[3], n3 = 0, zeta;
-    for (int i = 0; i < 4; i++) state[i] = w[NODES * i + j];
-    for (int i = 0; i < 3; i++) N[i] = w[NODES * (12 + i) + j];
-    {
-        const double unused[5] = {1, 1, 1, 1, 1};
-        report_values(state, unused, d);
-    }
+    double q[4], d[9], N[3], across[3], n3 = 0, zeta;
     const double *d3 = d + 6;
+    for (int i = 0; i < 4; i++) q[i] = w[NODES * i + j];
+    for (int i = 0; i < 3; i++) N[i] = w[NODES * (12 + i) + j];
+    set_directors(q, d);
     for (int i = 0; i < 3; i++) n3 += N[i] * d3[i];
     for (int i = 0; i < 3; i++)
         across[i] = N[(i + 1) % 3] * d3[(i + 2) % 3] - N[(i + 2) % 3] * d3[(i + 1) % 3];
