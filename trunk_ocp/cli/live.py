@@ -66,6 +66,7 @@ def live_command(
                 server.send(update)
         except KeyboardInterrupt:
             interrupted = True
+            click.echo("Interrupted.", err=True)
         saved = out is None or _save(session.solved, out, problem, console)
     sys.exit(INTERRUPTED if interrupted else SUCCESS if saved else NOT_VERIFIED)
 
