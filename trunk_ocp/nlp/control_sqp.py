@@ -91,7 +91,9 @@ class ControlSQP:
         history: list[tuple[float, float, float]] = []
         condensed, point = self._of(window), starts[0]
         if len(starts) > 1:
-            point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
+            point = min((self._updated(condensed, start) for start in starts), key=lambda p: p[1])[
+                0
+            ]
         most, search = min(MAX_ITERATIONS, records.max_iterations), None
         message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
@@ -136,6 +138,19 @@ class ControlSQP:
         records.solves.append(_record(window, outcome, history))
         return outcome, point
 
+    def _updated(
+        self, condensed: CondensedWindow, start: SQPPoint
+    ) -> tuple[SQPPoint, tuple[bool, bool, float]]:
+        """A start for another window, and its rank, best first.
+
+        Objectives only compare where rods are in equilibrium and bounds are kept: to restore
+        either may take the whole time.
+        """
+        full, residual = condensed.updated(start.full)
+        beyond = self._qp.violation(condensed.window, full[condensed.x]) > FEASIBILITY_TOL
+        rank = residual > FEASIBILITY_TOL, beyond, condensed.objective(full)
+        return replace(start, full=full, residual=residual), rank
+
     def _outcome(
         self,
         condensed: CondensedWindow,
@@ -147,16 +162,6 @@ class ControlSQP:
         full = point.full
         violation = max(self._qp.violation(window, full[condensed.x]), point.residual)
         return Outcome(full, condensed.objective(full), violation, iterations, message)
-
-
-def _updated(condensed: CondensedWindow, start: SQPPoint) -> tuple[SQPPoint, tuple[bool, float]]:
-    """A start for another window, and its rank, best first.
-
-    Objectives only compare where rods are in equilibrium; others may be far from it.
-    """
-    full, residual = condensed.updated(start.full)
-    rank = residual > FEASIBILITY_TOL, condensed.objective(full)
-    return replace(start, full=full, residual=residual), rank
 
 
 def _report(
