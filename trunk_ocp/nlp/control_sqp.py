@@ -90,8 +90,11 @@ class ControlSQP:
         began, pace = time.perf_counter(), Pace(deadline)
         history: list[tuple[float, float, float]] = []
         condensed, point = self._of(window), starts[0]
+        safe: SQPPoint | None = None
         if len(starts) > 1:
-            point = min((_updated(condensed, start) for start in starts), key=lambda p: p[1])[0]
+            ranked = sorted((_updated(condensed, start) for start in starts), key=lambda p: p[1])
+            point = ranked[0][0]
+            safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
         most, search = min(MAX_ITERATIONS, records.max_iterations), None
         message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
@@ -129,12 +132,19 @@ class ControlSQP:
                 message = STUCK if first or pace.allows("trial") else DEADLINE_PASSED
                 break
             point = accepted
+        if message == DEADLINE_PASSED and safe and not self._keeps_all(condensed, point):
+            point = safe  # there was no time to bring a better start within bounds
         outcome = self._outcome(condensed, window, point, len(history), message)
         records.derivative_seconds += pace.seconds["model"]
         records.solve_seconds += time.perf_counter() - began
         records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
+
+    def _keeps_all(self, condensed: CondensedWindow, point: SQPPoint) -> bool:
+        """Whether a point is in equilibrium and within bounds."""
+        beyond = self._qp.violation(condensed.window, point.full[condensed.x])
+        return max(beyond, point.residual) <= FEASIBILITY_TOL
 
     def _outcome(
         self,

@@ -222,14 +222,15 @@ class Replanner:
 
     @property
     def _starts(self) -> list[_Point]:
-        """Points to start from: the newest, the last that reached its targets, and standing still.
+        """Points to start from: the newest, and if it did not reach its targets, others as well.
 
-        Standing still is best where a target comes back into reach.
+        The last that did; and the newest as if the horizon had moved on by a step: as long as
+        targets are out of reach, or have just come back, the trunk is on its way.
         """
         newest, reached = self._newest, self._reached
         if newest is reached:
             return [newest]
-        return [newest, reached, _Point(self._window.repeated(newest.full))]
+        return [newest, reached, _advanced(self._window, newest, 1)]
 
     def _window_of(self, motion: Motion) -> Window:
         """The window of a motion; builds it anew only where more than numbers changed."""
