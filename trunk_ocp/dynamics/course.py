@@ -13,7 +13,7 @@ from ..model.head import base_pose
 from ..model.loads import Loads, couple_density
 from ..problem.interpolation import interpolate_all, loads_before
 from ..problem.motion import Motion
-from ..rod.collocation import Mesh
+from ..rod.collocation import Mesh, gauss
 from .inertia import carried_masses
 
 SPREAD = 1e-3
@@ -77,7 +77,9 @@ def course(
     value = at[:, None] ** powers @ inverse
     rate = (powers[1:] * at[:, None] ** powers[:-1]) @ inverse[1:] / e
     second = (powers[2:] * powers[1:-1] * at[:, None] ** powers[:-2]) @ inverse[2:] / e**2
-    r, q = (np.stack(p, -1) for p in base_pose(motion.trunk.head, controls[..., -2], controls[..., -1]))
+    r, q = (
+        np.stack(p, -1) for p in base_pose(motion.trunk.head, controls[..., -2], controls[..., -1])
+    )
     now, change = (np.einsum("mk,mkx->mx", weights, controls) for weights in (value, rate))
     position, velocity, acceleration = (
         np.einsum("mk,mkx->mx", weights, r) for weights in (value, rate, second)
@@ -88,9 +90,23 @@ def course(
     strain = strains(motion.trunk, now[:, :-2])
     strain_rate = np.einsum("sim,tm->tsi", strain_matrix(motion.trunk), change[:, :-2])
     given = loads_before(motion, loads, step + 1, inside)
-    masses = carried_masses(motion, motion.steps[step])
-    rows = (times.tolist(), strain, strain_rate, given, base, position, velocity, acceleration, spin)
-    return [Instant(*row, *masses) for row in zip(*rows, strict=True)]
+    contact, tip = carried_masses(motion, motion.steps[step])
+    return [
+        Instant(
+            t,
+            strain[i],
+            strain_rate[i],
+            given[i],
+            base[i],
+            position[i],
+            velocity[i],
+            acceleration[i],
+            spin[i],
+            contact,
+            tip,
+        )
+        for i, t in enumerate(times.tolist())
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +125,6 @@ class Sections:
     @classmethod
     def of(cls, trunk: Trunk, mesh: Mesh) -> Sections:
         """The sections on a mesh."""
-        from ..rod.collocation import gauss
-
         Z = mesh.points.ravel()
         weights = (mesh.widths[:, None] * gauss(mesh.degree).quadrature).ravel()
         mu, radius = trunk.density * np.pi * trunk.radius(Z) ** 2, trunk.radius(Z)
@@ -121,7 +135,11 @@ class Sections:
     def material(self, strain: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """zeta_hat (n,), u_hat (n, 3) and the mean extension of strain numbers (segments, 4)."""
         at = strain[self.segment]
-        return at[:, 0], at[:, 1:] / self.taper[:, None], segment_fractions(self.trunk) @ strain[:, 0]
+        return (
+            at[:, 0],
+            at[:, 1:] / self.taper[:, None],
+            segment_fractions(self.trunk) @ strain[:, 0],
+        )
 
     def density(self, instant: Instant) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Weight and force of contact (n, 3) N/m, couple (n, 3) N, mass in contact (n,) kg/m."""

@@ -10,7 +10,7 @@ from ..model.quaternions import COMPLEX_STEP, director_rows
 from ..rod.buckling import integral_matrix
 from ..rod.collocation import Mesh
 from .course import Instant, Sections
-from .moving_rod import G, G_RATE, W, ZETA, ZETA_RATE, M, N, Q
+from .moving_rod import G_RATE, ZETA, ZETA_RATE, G, M, N, Q
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +38,7 @@ class Energy:
     def imbalance(self) -> np.ndarray:
         """What the balance of energy is off by, in J: 0 but for errors of the method in time."""
         stored = self.kinetic + self.elastic
-        return np.asarray(
-            stored - stored[0] - (self.loads + self.muscles + self.head - self.lost)
-        )
+        return np.asarray(stored - stored[0] - (self.loads + self.muscles + self.head - self.lost))
 
     @property
     def turned_over(self) -> float:
@@ -52,8 +50,10 @@ class Energy:
 def velocities(
     sections: Sections, mesh: Mesh, instant: Instant, states: np.ndarray, changing: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Velocity (n + 1, 3) of the centerline at the Gauss points and the tip, spin (n, 3), and
-    directors (n, 3, 3); the spin is in the directors."""
+    """Velocity (n + 1, 3) at the Gauss points and the tip, spin (n, 3), and directors (n, 3, 3).
+
+    The spin, in rad/s, is in the directors.
+    """
     g, rate = changing[:, G], changing[:, G_RATE]
     omega = 2 / (1 + np.sum(g * g, axis=1, keepdims=True)) * (rate - np.cross(g, rate))
     q = states[:, 1:, Q].reshape(-1, 4)
@@ -72,7 +72,12 @@ def _on_lever(v: np.ndarray, omega: np.ndarray, d: np.ndarray, lever: float) -> 
 
 
 def energies(
-    sections: Sections, mesh: Mesh, instant: Instant, states: np.ndarray, changing: np.ndarray
+    sections: Sections,
+    mesh: Mesh,
+    instant: Instant,
+    states: np.ndarray,
+    changing: np.ndarray,
+    w: np.ndarray,
 ) -> tuple[float, float]:
     """Kinetic and elastic energy in J."""
     v, omega, d = velocities(sections, mesh, instant, states, changing)
@@ -82,15 +87,15 @@ def energies(
     density = sections.mu * np.sum(v[:-1] ** 2, axis=1) + mass * np.sum(hung**2, axis=1)
     density += np.sum(sections.J / mean * omega**2, axis=1)
     kinetic = (sections.weights @ density + instant.tip_mass * v[-1] @ v[-1]) / 2
-    return float(kinetic), float(_elastic(sections, instant.strain, changing))
+    return float(kinetic), float(_elastic(sections, instant.strain, changing[:, ZETA], w))
 
 
-def _elastic(sections: Sections, strain: np.ndarray, changing: np.ndarray) -> np.ndarray:
+def _elastic(sections: Sections, strain: np.ndarray, zeta: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Elastic energy in J for strain numbers (segments, 4), which may be complex."""
     zeta_hat, u_hat, mean = sections.material(strain)
     K = sections.K
-    stretch = changing[:, ZETA] / zeta_hat - 1
-    bend = changing[:, W] / zeta_hat[:, None] - u_hat
+    stretch = zeta / zeta_hat - 1
+    bend = w / zeta_hat[:, None] - u_hat
     density = K[:, 0] / mean * stretch**2 + np.sum(K[:, 1:] / mean**2 * bend**2, axis=1)
     return np.asarray(sections.weights @ (zeta_hat * density) / 2)
 
@@ -101,7 +106,7 @@ def powers(
     instant: Instant,
     states: np.ndarray,
     changing: np.ndarray,
-    rates: np.ndarray,
+    bend: np.ndarray,
     tau: float,
 ) -> tuple[float, float, float, float]:
     """Power in W of loads, muscles and head, and what damping takes."""
@@ -116,13 +121,15 @@ def powers(
     zeta_hat, _, mean = sections.material(instant.strain)
     _, _, mean_rate = sections.material(instant.strain_rate)
     varied = instant.strain + 1j * COMPLEX_STEP * instant.strain_rate
-    muscles = float(np.imag(_elastic(sections, varied, changing))) / COMPLEX_STEP
+    muscles = (
+        float(np.imag(_elastic(sections, varied, changing[:, ZETA], bend[:, :3]))) / COMPLEX_STEP
+    )
     # A thinner trunk spins faster: the muscles that make it thin do that work.
     spinning = np.sum(sections.J / mean * omega**2, axis=1)
     muscles += mean_rate / mean * float(weights @ spinning) / 2
     base = states[0, 0]
     head = -(base[N] @ instant.velocity) - base[M] @ instant.spin
     K = sections.K
-    lost = K[:, 0] / mean * rates[:, ZETA] ** 2
-    lost = lost + np.sum(K[:, 1:] / mean**2 * rates[:, W] ** 2, axis=1)
+    lost = K[:, 0] / mean * changing[:, ZETA_RATE] ** 2
+    lost = lost + np.sum(K[:, 1:] / mean**2 * bend[:, 3:] ** 2, axis=1)
     return float(loads), muscles, float(head), tau * float(weights @ (lost / zeta_hat))

@@ -13,8 +13,10 @@ each spring (Kelvin-Voigt), which resists the change of shape:
     m_i = K_i / mean^2 (w_i / zeta_hat - u_hat_i + tau w_i' / zeta_hat).
 
 An implicit method in time gives each quantity y that changes with time as y = y_known + c y', c a
-part of the time step. Rotations are counted from the frame q_n at the start of the time step, as the
-Gibbs vector g of q = q_n (1, g) / |(1, g)|.
+part of the time step. Rotations are counted from the frame q_n at the start of the time step, as
+the Gibbs vector g of q = q_n (1, g) / |(1, g)|. With its slope h along Z, which changes in time as
+g does, the spin is w = S (h - g x h) + P^T w_n, S = 2 / (1 + g . g), where P turns by g, and its
+rate follows from those of g and h.
 """
 
 from __future__ import annotations
@@ -30,11 +32,12 @@ Q, M, N, A = slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13)
 """Orientation, moment in N m in the directors, force in N and acceleration in m/s^2 in space."""
 
 CHANGING = 11
-G, G_RATE, ZETA, ZETA_RATE, W = slice(0, 3), slice(3, 6), 6, 7, slice(8, 11)
-"""What changes with time: Gibbs vector, its rate, stretch, its rate, spin in 1/m."""
+G, G_RATE, ZETA, ZETA_RATE, G_SLOPE = slice(0, 3), slice(3, 6), 6, 7, slice(8, 11)
+"""What changes with time: Gibbs vector g, its rate, stretch, its rate, slope of g in 1/m."""
 
 GIVEN = {
     "q_n": 4,
+    "w_n": 3,
     "known": CHANGING,
     "c": 1,
     "tau": 1,
@@ -53,7 +56,8 @@ GIVEN = {
 }
 """What is given at a point, and how many numbers each has.
 
-q_n : orientation at the start of the time step. known, c : of the method in time, c in s.
+q_n, w_n : orientation and spin in 1/m at the start of the time step.
+known, c : of the method in time, c in s.
 tau : damping time in s. zeta_hat, u_hat, mean, mean_rate : of the activation, rates in 1/s.
 K : K_0 to K_3 of the initial shape. mu : mass per length of the trunk and of what moves with its
 centerline, kg/m. J : rotary inertia per length of the initial shape, kg m.
@@ -64,10 +68,11 @@ lever in m; hung_force : on the lever, N/m.
 
 @cache
 def moving_rod() -> ca.Function:
-    """(x, p) -> (x' along Z (13), Jacobian of x' by x row by row (169), changing (11)).
+    """(x, p) -> (x' along Z (13), changing (11), bend (6)).
 
-    x (13) : see `Q`, `M`, `N`, `A`; p : the numbers of `GIVEN`, in order. The third output has
-    what changes with time, as in `G`, `G_RATE`, `ZETA`, `ZETA_RATE`, `W`.
+    x (13) : see `Q`, `M`, `N`, `A`; p : the numbers of `GIVEN`, in order. `changing` has what
+    changes with time, as in `G`, `G_RATE`, `ZETA`, `ZETA_RATE`, `G_SLOPE`; `bend` the spin w and
+    its rate.
     """
     x = ca.SX.sym("x", STATES)
     p = {name: ca.SX.sym(name, count) for name, count in GIVEN.items()}
@@ -75,11 +80,8 @@ def moving_rod() -> ca.Function:
     c, known = p["c"], p["known"]
     R = ca.vertcat(*(ca.horzcat(*d) for d in directors(ca.vertsplit(q))))  # rows are directors
     n = R @ force
-    share = 1 + p["tau"] / c
     elastic = p["zeta_hat"] * (1 + n[2] * p["mean"] / p["K"][0])
-    zeta = (elastic + p["tau"] / c * known[ZETA]) / share
-    curvature = p["zeta_hat"] * (p["u_hat"] + m * p["mean"] ** 2 / p["K"][1:])
-    w = (curvature + p["tau"] / c * known[W]) / share
+    zeta = (elastic + p["tau"] / c * known[ZETA]) / (1 + p["tau"] / c)
 
     start = ca.vertsplit(p["q_n"])
     turn = product((start[0], -start[1], -start[2], -start[3]), ca.vertsplit(q))
@@ -87,6 +89,8 @@ def moving_rod() -> ca.Function:
     g_rate = (g - known[G]) / c
     g_second = (g_rate - known[G_RATE]) / c
     omega, alpha = _spin(g, g_rate, g_second)
+    curvature = p["zeta_hat"] * (p["u_hat"] + m * p["mean"] ** 2 / p["K"][1:])
+    h, w, w_rate = _bend(g, g_rate, omega, known[G_SLOPE], c, p["tau"], p["w_n"], curvature)
     zeta_rate = (zeta - known[ZETA]) / c
     zeta_second = (zeta_rate - known[ZETA_RATE]) / c
 
@@ -108,10 +112,17 @@ def moving_rod() -> ca.Function:
     dN = p["mu"] * a + R.T @ hung - p["force"] - p["hung_force"]
     dq = [part / 2 for part in product(ca.vertsplit(q), (0, *ca.vertsplit(w)))]
     value = ca.vertcat(*dq, dm, dN, R.T @ stretch)
-    slope = ca.vec(ca.densify(ca.jacobian(value, x)).T)
-    changing = ca.vertcat(g, g_rate, zeta, zeta_rate, w)
+    changing = ca.vertcat(g, g_rate, zeta, zeta_rate, h)
     given = ca.vertcat(*p.values())
-    return ca.Function("moving_rod", [x, given], [value, slope, changing])
+    return ca.Function("moving_rod", [x, given], [value, changing, ca.vertcat(w, w_rate)])
+
+
+@cache
+def moving_rod_slope() -> ca.Function:
+    """(x, p) -> Jacobian of x' along Z by x, row by row (169); see `moving_rod`."""
+    x, given = ca.SX.sym("x", STATES), ca.SX.sym("p", sum(GIVEN.values()))
+    slope = ca.jacobian(moving_rod()(x, given)[0], x)
+    return ca.Function("moving_rod_slope", [x, given], [ca.vec(ca.densify(slope).T)])
 
 
 def _spin(g: ca.SX, rate: ca.SX, second: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -120,3 +131,36 @@ def _spin(g: ca.SX, rate: ca.SX, second: ca.SX) -> tuple[ca.SX, ca.SX]:
     omega = scale * (rate - ca.cross(g, rate))
     alpha = scale * (second - ca.cross(g, second)) - scale * ca.dot(g, rate) * omega
     return omega, alpha
+
+
+def _bend(
+    g: ca.SX,
+    rate: ca.SX,
+    omega: ca.SX,
+    known: ca.SX,
+    c: ca.SX,
+    tau: ca.SX,
+    w_n: ca.SX,
+    curvature: ca.SX,
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Slope h of g, spin w and its rate, so that w + tau w' is a given curvature.
+
+    known : of h. All is linear in h; w' = omega' + w x omega, omega' being the slope along Z.
+    """
+    scale = 2 / (1 + ca.dot(g, g))
+    along = w_n + scale * ca.cross(ca.cross(w_n, g), g) + scale * ca.cross(w_n, g)
+    h = ca.SX.sym("h", 3)
+    h_rate = (h - known) / c
+    w = scale * (h - ca.cross(g, h)) + along
+    slope = scale * (h_rate - ca.cross(h, rate) - ca.cross(g, h_rate) - ca.dot(g, h) * omega)
+    w_rate = slope + ca.cross(w, omega)
+    law = w + tau * w_rate
+    matrix, rest = ca.jacobian(law, h), curvature - ca.substitute(law, h, ca.SX.zeros(3))
+    columns = ca.horzsplit(matrix)
+    found = ca.vertcat(
+        ca.dot(rest, ca.cross(columns[1], columns[2])),
+        ca.dot(columns[0], ca.cross(rest, columns[2])),
+        ca.dot(columns[0], ca.cross(columns[1], rest)),
+    ) / ca.dot(columns[0], ca.cross(columns[1], columns[2]))
+    w, w_rate = ca.substitute([w, w_rate], [h], [found])
+    return found, w, w_rate

@@ -9,20 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from ..model.anatomy import Trunk
 from ..model.loads import Loads, internal_force
-from ..model.quaternions import director_rows, product
+from ..model.quaternions import director_rows
 from ..problem.motion import Motion
-from ..rod.collocation import Mesh
+from ..rod.collocation import Mesh, gauss
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
 from .course import Instant, Sections, course
-from .energy import Energy, energies, powers
-from .moving_rod import CHANGING, G, G_RATE, GIVEN, STATES, W, ZETA, ZETA_RATE, A, M, N, Q
+from .energy import Energy, energies, powers, velocities
+from .moving_rod import CHANGING, G_RATE, GIVEN, STATES, ZETA, ZETA_RATE, G, N, Q
 from .stepping import Ends, StageSolver
 
 TIME_STEP = 0.02
@@ -53,8 +53,8 @@ class Simulation:
         In s.
     shape : Shape
         Batch (S + 1,).
-    velocity : (S + 1, n, 3)
-        Of the centerline at the Gauss points, in m/s.
+    velocity : (S + 1, n + 1, 3)
+        Of the centerline at the n Gauss points and the tip, in m/s.
     energy : Energy
     """
 
@@ -68,11 +68,13 @@ class Simulation:
 class _State:
     """The trunk at one instant.
 
-    states : (E, d + 1, 13); frames : (n, 4); changing : (n, 11), its Gibbs vectors 0.
+    states : (E, d + 1, 13); frames : (n, 4); spin w : (n, 3) in 1/m; changing : (n, 11), counted
+    from these frames.
     """
 
     states: np.ndarray
     frames: np.ndarray
+    w: np.ndarray
     changing: np.ndarray
 
 
@@ -122,6 +124,7 @@ class _Player:
         self.solver = StageSolver(motion.trunk, mesh)
 
     def play(self, time_step: float, advance: Callable[[float], None] | None) -> Simulation:
+        """Play all of it, in steps of at most `time_step` in s."""
         knots = np.append(0.0, self.motion.times[: len(self.x)])
         state = self._start()
         (first,) = course(self.motion, self.x, self.loads, 0, np.zeros(1))
@@ -134,14 +137,14 @@ class _Player:
             stages = edges[:-1, None] + widths[:, None] * self.method.sum(axis=1)
             (begin,) = course(self.motion, self.x, self.loads, step, edges[:1])
             instants = course(self.motion, self.x, self.loads, step, stages.ravel())
-            jump = np.array(self._energies(state, begin)) - record[-1][2]
-            ledger[-1] = ledger[-1] + np.array([jump[0], jump[1], 0.0, 0.0])
+            # What jumps: the mass of what joins or leaves, and strains that are not interpolated.
+            jump = np.append(np.array(self._energies(state, begin)) - record[-1][2], [0.0, 0.0])
             for k, dt in enumerate(widths.tolist()):
                 count = len(self.method)
                 own = instants[k * count : (k + 1) * count]
                 state, work = self._advance(state, own, dt)
                 record.append(self._recorded(state, own[-1]))
-                ledger.append(ledger[-1] + work)
+                ledger.append(ledger[-1] + work + (jump if k == 0 else 0.0))
                 if advance is not None:
                     advance(own[-1].time)
         return self._result(record, np.array(ledger))
@@ -158,8 +161,8 @@ class _Player:
         zeta, u = shape.strain(mesh.points.ravel())
         zeta_hat, _, _ = self.sections.material(shape.intrinsic)
         changing = np.zeros((E * d, CHANGING))
-        changing[:, ZETA], changing[:, W] = zeta, zeta_hat[:, None] * u
-        return _State(states, _frames(states), changing)
+        changing[:, ZETA] = zeta
+        return _State(states, _frames(states), zeta_hat[:, None] * u, changing)
 
     def _advance(
         self, state: _State, instants: Sequence[Instant], dt: float
@@ -179,28 +182,26 @@ class _Player:
                 np.array(instant.loads.tip_force),
                 instant.tip_mass,
             )
-            given = self._given(state.frames, known, c, instant)
-            states, changing = self.solver.solve(states, given, ends)
+            given = self._given(state, known, c, instant)
+            states, changing, bend = self.solver.solve(states, given, ends)
             rates.append((changing - known) / c)
             parts = self.sections, self.mesh, instant, states
-            work += dt * self.method[-1, len(rates) - 1] * np.array(
-                powers(*parts, changing, rates[-1], self.tau)
-            )
-        omega = spin_of(changing)
-        changing = changing.copy()
-        changing[:, G], changing[:, G_RATE] = 0.0, omega / 2
-        return _State(states, _frames(states), changing), work
+            share = dt * self.method[-1, len(rates) - 1]
+            work += share * np.array(powers(*parts, changing, bend, self.tau))
+        after = np.zeros_like(changing)  # counted from the new frames
+        after[:, ZETA : ZETA_RATE + 1] = changing[:, ZETA : ZETA_RATE + 1]
+        after[:, G_RATE] = spin_of(changing) / 2
+        return _State(states, _frames(states), bend[:, :3], after), work
 
-    def _given(
-        self, frames: np.ndarray, known: np.ndarray, c: float, instant: Instant
-    ) -> np.ndarray:
+    def _given(self, state: _State, known: np.ndarray, c: float, instant: Instant) -> np.ndarray:
         """Numbers (p, n) of `moving_rod.GIVEN`."""
-        sections, n = self.sections, len(frames)
+        sections, n = self.sections, len(state.frames)
         zeta_hat, u_hat, mean = sections.material(instant.strain)
         _, _, mean_rate = sections.material(instant.strain_rate)
         weight, contact, couple, mass = sections.density(instant)
-        values = {
-            "q_n": frames,
+        values: dict[str, Any] = {
+            "q_n": state.frames,
+            "w_n": state.w,
             "known": known,
             "c": c,
             "tau": self.tau,
@@ -222,7 +223,7 @@ class _Player:
         ).T
 
     def _energies(self, state: _State, instant: Instant) -> tuple[float, float]:
-        return energies(self.sections, self.mesh, instant, state.states, state.changing)
+        return energies(self.sections, self.mesh, instant, state.states, state.changing, state.w)
 
     def _recorded(self, state: _State, instant: Instant) -> tuple[_State, Instant, np.ndarray]:
         return state, instant, np.array(self._energies(state, instant))
@@ -230,22 +231,18 @@ class _Player:
     def _result(
         self, record: list[tuple[_State, Instant, np.ndarray]], ledger: np.ndarray
     ) -> Simulation:
-        from .energy import velocities
-
         trunk, mesh = self.motion.trunk, self.mesh
         states = np.stack([state.states for state, _, _ in record])
         zeta = np.stack([state.changing[:, ZETA] for state, _, _ in record])
         d3 = director_rows(states[..., 1:, Q])[..., 2, :]
         slopes = zeta.reshape(*d3.shape[:-1], 1) * d3
         base = np.stack([instant.position for _, instant, _ in record])
-        from ..rod.collocation import gauss
-
         steps = np.einsum("d,tkdc->tkc", gauss(mesh.degree).quadrature, slopes)
         edges = np.concatenate([base[:, None], mesh.widths[:, None] * steps], axis=1).cumsum(axis=1)
         intrinsic = np.stack([instant.strain for _, instant, _ in record])
         shape = Shape(trunk, mesh, intrinsic, states[..., :7], edges, slopes)
         velocity = np.stack(
-            [velocities(self.sections, mesh, at, s.states, s.changing)[0][:-1] for s, at, _ in record]
+            [velocities(self.sections, mesh, at, s.states, s.changing)[0] for s, at, _ in record]
         )
         times = np.array([instant.time for _, instant, _ in record])
         stored = np.stack([energy for _, _, energy in record])

@@ -11,7 +11,7 @@ from ..errors import StaticsError
 from ..model.activation import stiffness
 from ..model.anatomy import Trunk
 from ..rod.collocation import Mesh, gauss
-from .moving_rod import STATES, A, M, N, Q, moving_rod
+from .moving_rod import STATES, A, M, N, Q, moving_rod, moving_rod_slope
 
 TOLERANCE = 1e-10
 """On the last step of Newton's method, relative to the largest force, moment and acceleration."""
@@ -57,7 +57,9 @@ class StageSolver:
         for e in range(E):
             for i in range(d):
                 for j in range(d + 1):
-                    linear[index[e, i + 1][same], index[e, j][same]] = self._element.derivative[i, j]
+                    linear[index[e, i + 1][same], index[e, j][same]] = self._element.derivative[
+                        i, j
+                    ]
         # The rows of an element's left edge: it joins the element before, or the ends are known.
         for e in range(1, E):
             linear[index[e, 0], index[e, 0]] = -1.0
@@ -86,8 +88,8 @@ class StageSolver:
 
     def solve(
         self, guess: np.ndarray, given: np.ndarray, ends: Ends
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """States, and what changes with time at the Gauss points (n, 11).
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States, and at the Gauss points what changes with time (n, 11), and spins (n, 6).
 
         guess : (E, d + 1, 13); given : (p, n), see `moving_rod.GIVEN`
 
@@ -99,18 +101,17 @@ class StageSolver:
         x, before = guess.ravel().copy(), np.inf
         with np.errstate(all="ignore"):
             for _ in range(MAX_ITERATIONS):
-                value, slope, changing = moving_rod()(x[self._inner].T, given)
+                value, changing, bend = moving_rod()(x[self._inner].T, given)
                 residual = self._residual(x, np.asarray(value).T, ends)
                 if self._factors is None:
-                    self._factors = lu_factor(
-                        self._jacobian(np.asarray(slope).T, ends), check_finite=False
-                    )
+                    slope = np.asarray(moving_rod_slope()(x[self._inner].T, given)).T
+                    self._factors = lu_factor(self._jacobian(slope, ends), check_finite=False)
                     self.factored += 1
                 step = lu_solve(self._factors, -residual, check_finite=False)
                 x += step
                 size = float(np.max(np.abs(step) / np.maximum(self._scale, np.abs(x))))
                 if size < TOLERANCE:
-                    return x.reshape(self._shape), np.asarray(changing).T
+                    return x.reshape(self._shape), np.asarray(changing).T, np.asarray(bend).T
                 if not np.isfinite(size):
                     break
                 if size > SLOW * before:

@@ -31,6 +31,7 @@ FIGURE = r"\.(pdf|png|svg)"
 OF_PLAN = {
     ".": re.compile(
         r"diagnosis\.json|redundancy\.json|motion\.glb|activations\.sto|film\.(gif|mp4)"
+        r"|simulation\.(json|nc)"
     ),
     "figures": re.compile(r"(activations|errors|shapes|muscles-[a-z]+|redundancy)" + FIGURE),
     "vtk": re.compile(r"(muscles|centerline)(\.pvd|_[0-9]{4}\.vtp)"),
