@@ -1,6 +1,7 @@
 """The trunk with inertia: closed forms, another integrator, energy, and the quasi-static limit."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -147,28 +148,45 @@ def test_a_chain_of_links_swings_alike():
 # --- energy and order ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("order", "least"), [(1, 0.8), (2, 1.8), (4, 3.0)])
-def test_the_balance_of_energy_closes_with_the_step_in_time(order, least):
-    moved = toy([0.8], gravity=9.8)
+@pytest.mark.parametrize(("tau", "order", "most"), [(0.0, 2.2, 2e-6), (0.06, 1.5, 2e-5)])
+def test_motion_and_balance_of_energy_converge(tau, order, most):
+    """Of order 4 in theory, less where the motion starts with a jump of the acceleration.
+
+    Damping makes the rod stiff, which costs order (Hairer & Wanner II, section IV.15).
+    """
+    moved = toy([0.4], gravity=9.8)
     x = [[-0.3, -0.1, 0.2, 0.4]]
     off, ends = [], []
-    for dt in (0.08, 0.04, 0.02):
-        result = simulated(moved, x, dt, order=order, damping_time=0.0)
+    for dt in (0.02, 0.01, 0.005):
+        result = simulated(moved, x, dt, degree=5, damping_time=tau)
         off.append(np.abs(result.energy.imbalance).max() / result.energy.turned_over)
         ends.append(tip(result)[-1])
-    assert math.log2(off[1] / off[2]) > least
-    first, second = (np.linalg.norm(a - b) for a, b in zip(ends[1:], ends[:-1], strict=True))
-    assert math.log2(second / first) > least
-    if order == 4:
-        assert off[2] < 1e-6
+    first, second = (np.linalg.norm(a - b) for a, b in pairwise(ends))
+    assert math.log2(first / second) > 1.4
+    assert math.log2(off[0] / off[2]) / 2 > order
+    assert off[2] < most
+
+
+def test_the_mesh_is_no_limit():
+    """Of order 2 d in Z, as the rod is: far below what the steps in time leave."""
+    moved = toy([0.2], gravity=9.8)
+    ends = [
+        tip(simulated(moved, [[-0.3, -0.1, 0.2, 0.4]], 0.02, elements=n, degree=3))[-1]
+        for n in (1, 2, 4)
+    ]
+    first, second = (np.linalg.norm(a - b) for a, b in pairwise(ends))
+    assert math.log2(first / second) > 4.5
 
 
 def test_energy_balances_where_a_log_hangs_from_the_trunk(draw):
     moved = first_steps("lift-log-hung", 2)
     x = np.column_stack([draw(moved.trunk, 2, 3, strongest=0.2), [[0.05, -0.02], [0.1, 0.05]]])
-    result = simulated(moved, x, 0.05, elements=4)
-    assert result.energy.kinetic.max() > 0.1
-    assert np.abs(result.energy.imbalance).max() < 1e-3 * result.energy.turned_over
+    off = []
+    for dt in (0.05, 0.025):
+        energy = simulated(moved, x, dt, elements=4, degree=5).energy
+        assert energy.kinetic.max() > 0.1
+        off.append(np.abs(energy.imbalance).max() / energy.turned_over)
+    assert off[1] < 0.4 * off[0] < 0.004
 
 
 # --- the quasi-static limit ----------------------------------------------------------------

@@ -84,14 +84,18 @@ def simulate_command(run: str, time_step: float, damping_time: float) -> None:
     """Play a finished run on the trunk with inertia and damping.
 
     Plans are quasi-static. This plays their activations, head angles and loads on a trunk that has
-    mass, and says how far it ends up from the plan: simulation.nc and simulation.json are written
-    beside each plan. Takes a few seconds.
+    mass, and says how far that is from the plan: simulation.nc, simulation.json and a figure are
+    written beside each plan. Takes a few seconds.
     """
+    from ..figures import FORMATS
+    from ..figures.simulation import draw_simulation
+
     console = Console(highlight=False)
     _, plans = load_run(run)
     for folder, plan in plans.items():
         result = _simulated(plan, time_step, damping_time, console)
         result.save(folder)
+        draw_simulation(result, folder / "figures", FORMATS)
         found = result.summary()
         share = found["energy_imbalance"] / found["work"] if found["work"] else 0.0
         print_plain(

@@ -33,7 +33,9 @@ OF_PLAN = {
         r"diagnosis\.json|redundancy\.json|motion\.glb|activations\.sto|film\.(gif|mp4)"
         r"|simulation\.(json|nc)"
     ),
-    "figures": re.compile(r"(activations|errors|shapes|muscles-[a-z]+|redundancy)" + FIGURE),
+    "figures": re.compile(
+        r"(activations|errors|shapes|muscles-[a-z]+|redundancy|simulation)" + FIGURE
+    ),
     "vtk": re.compile(r"(muscles|centerline)(\.pvd|_[0-9]{4}\.vtp)"),
 }
 OF_RUN = {
