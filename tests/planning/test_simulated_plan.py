@@ -30,7 +30,7 @@ def test_a_simulation_is_compared_with_the_plan_at_each_time(plan):
     assert result.distance[0].max() < 1e-6  # it starts where the plan does
     report = result.summary()
     assert report["largest_distance"] == np.max(result.distance)
-    assert 0.001 < report["largest_distance"] < 0.3
+    assert 0.01 < report["largest_distance"] < 0.6  # it moves through 1 m
     assert report["energy_imbalance"] < 0.05 * report["work"]
     assert report["damping_time"] == 0.06
 

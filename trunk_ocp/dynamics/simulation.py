@@ -39,8 +39,8 @@ METHOD = np.array(
         [25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4],
     ]
 )
-"""Of order 4, L-stable (Hairer & Wanner, Solving ODEs II, table IV.6.5). Rows are stages, the last is
-the end of the time step. Damping makes the rod stiff, and accelerations jump where phases start,
+"""Of order 4, L-stable (Hairer & Wanner, Solving ODEs II, table IV.6.5). Rows are stages, the last
+is the end of the time step. Damping makes the rod stiff, and accelerations jump where phases start,
 which reduces the order to 1.6. Alexander's method of two stages keeps its order 2, for the same
 accuracy at the same cost, but its forces are wrong where the rod is almost rigid."""
 
