@@ -51,17 +51,19 @@ def tip(result):
 # --- closed forms --------------------------------------------------------------------------
 
 
-def test_a_stiff_rod_follows_the_head():
-    """Where it ends exactly; with speeds whose error is of second order."""
+def test_a_stiff_rod_needs_the_moment_of_a_rigid_body_at_its_base():
+    """I alpha, when a cosine ends, rotary inertia included; errors are of second order."""
     duration, turn, off = 1.0, 0.7, []
     moved = toy([duration], youngs_modulus=1e12)
+    mass, radius = 1000.0 * math.pi * 0.05**2, 0.05
+    inertia = mass / 3 + mass * radius**2 / 4
+    alpha = math.pi**2 / (2 * duration**2) * turn
     for dt in (0.05, 0.025):
         result = simulated(moved, [[0.0, 0.0, 0.0, turn]], dt, degree=5)
         end = [math.sin(turn), 0.0, math.cos(turn)]
         np.testing.assert_allclose(tip(result)[-1], end, atol=1e-6)
-        halfway = len(result.times) // 2
-        speed = np.linalg.norm(result.velocity[halfway, -1])
-        off.append(abs(speed / (math.pi / 2 / duration * turn) - 1))
+        moment = np.linalg.norm(result.shape.moment(np.zeros(1))[-1, 0])
+        off.append(abs(moment / (inertia * alpha) - 1))
     assert off[1] < 0.3 * off[0] < 0.01
 
 
@@ -71,7 +73,7 @@ def test_a_muscle_that_contracts_at_once_makes_the_trunk_ring():
     moved = toy([0.1, 5.0, 0.1], interpolation="none")
     x = np.zeros((3, 4))
     x[:2, 0] = gamma
-    result = simulated(moved, x, 0.05, damping_time=tau)
+    result = simulated(moved, x, 0.0125, degree=4, damping_time=tau)
     late = (result.times > 2.5) & (result.times < 5.1)
     t, deflection = result.times[late] - 2.5, tip(result)[late]
     axis = np.argmax(np.ptp(deflection, axis=0))
@@ -133,7 +135,7 @@ def test_a_chain_of_links_swings_alike():
     material = {"youngs_modulus": 4 / math.pi / radius**4, "density": 1 / math.pi / radius**2}
     moved = toy([duration, 0.7], gravity=9.8, radius=radius, **material)
     x = [[0.0, 0.0, 0.0, turn]] * 2
-    result = simulated(moved, x, 0.0125, damping_time=tau)
+    result = simulated(moved, x, 0.003125, degree=5, damping_time=tau)
     times = np.array([0.3, 0.5, 0.8, 1.2])
     at = np.abs(result.times[:, None] - times).argmin(axis=0)
     coarse, fine = (chain_tip(n, turn, duration, result.times[at], tau) for n in (10, 20))
@@ -146,23 +148,18 @@ def test_a_chain_of_links_swings_alike():
 # --- energy and order ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("tau", "order", "most"), [(0.0, 2.2, 2e-6), (0.06, 1.5, 2e-5)])
-def test_motion_and_balance_of_energy_converge(tau, order, most):
-    """Of order 4 in theory, less where the motion starts with a jump of the acceleration.
-
-    Damping makes the rod stiff, which costs order (Hairer & Wanner II, section IV.15).
-    """
+@pytest.mark.parametrize("tau", [0.0, 0.06])
+def test_motion_and_balance_of_energy_are_of_second_order(tau):
     moved = toy([0.4], gravity=9.8)
     x = [[-0.3, -0.1, 0.2, 0.4]]
     off, ends = [], []
-    for dt in (0.02, 0.01, 0.005):
+    for dt in (0.01, 0.005, 0.0025):
         result = simulated(moved, x, dt, degree=5, damping_time=tau)
         off.append(np.abs(result.energy.imbalance).max() / result.energy.turned_over)
         ends.append(tip(result)[-1])
     first, second = (np.linalg.norm(a - b) for a, b in pairwise(ends))
-    assert math.log2(first / second) > 1.4
-    assert math.log2(off[0] / off[2]) / 2 > order
-    assert off[2] < most
+    assert 1.6 < math.log2(first / second) < 2.6
+    assert 1.6 < math.log2(off[1] / off[2]) < 2.6
 
 
 def test_the_mesh_is_no_limit():
@@ -184,7 +181,7 @@ def test_energy_balances_where_a_log_hangs_from_the_trunk(draw):
         energy = simulated(moved, x, dt, elements=4, degree=5).energy
         assert energy.kinetic.max() > 0.1
         off.append(np.abs(energy.imbalance).max() / energy.turned_over)
-    assert off[1] < 0.4 * off[0] < 0.004
+    assert off[1] < 0.4 * off[0] < 0.01
 
 
 # --- the quasi-static limit ----------------------------------------------------------------

@@ -42,5 +42,5 @@ def simulation_figure(result: SimulatedPlan) -> Figure:
     right.set_ylabel("speed (m/s)")
     for axes in (left, right):
         axes.set_ylim(bottom=0)
-        axes.legend(loc="upper left")
+        axes.legend(loc="best")
     return figure
