@@ -1,7 +1,8 @@
 """Simulation: activations, head angles and loads of a plan, played on the trunk with inertia.
 
-In time by backward differences of order 2 (BDF2), with steps of any length. Each step is one
-boundary value problem in Z, solved by the same collocation as equilibria; see `moving_rod`.
+In time by backward differences of order 2 (BDF2), which start anew, with an implicit Euler step,
+at each time step of the plan, as accelerations jump there. Each step is one boundary value problem
+in Z, solved by the same collocation as equilibria; see `moving_rod`.
 Runge-Kutta methods of implicit stages (Alexander 1977; Hairer & Wanner, Solving ODEs II, table
 IV.6.5) were tried: positions are as good for the same work, but stages respond out of proportion
 where the rod is too stiff for the steps, so that their moments are wrong.
@@ -28,8 +29,8 @@ from .energy import Energy, energies, powers, velocities
 from .moving_rod import CHANGING, G_RATE, G_SLOPE, GIVEN, STATES, ZETA, ZETA_RATE, G, N, Q
 from .stepping import Ends, StageSolver
 
-TIME_STEP = 0.005
-"""In s."""
+TIME_STEP = 0.01
+"""In s. With it, a trunk that lifts a log is within 1.5 mm of the limit of short steps."""
 DAMPING_TIME = 0.06
 """In s, of a trunk's tissue. Nobody has measured that of elephants."""
 
@@ -122,7 +123,7 @@ class _Player:
         (first,) = course(self.motion, self.x, self.loads, 0, np.zeros(1))
         record = [self._recorded(state, first)]
         ledger = [np.zeros(4)]
-        before, width = state, 1.0  # at rest until now
+        before = state
         for step in range(len(self.x)):
             parts = max(1, math.ceil((knots[step + 1] - knots[step]) / time_step - 1e-9))
             edges = np.linspace(knots[step], knots[step + 1], parts + 1)
@@ -130,10 +131,14 @@ class _Player:
             # What jumps: the mass of what joins or leaves, and strains that are not interpolated.
             jump = np.append(np.array(self._energies(state, begin)) - record[-1][2], [0.0, 0.0])
             state = self._with_power(state, begin, np.hstack([state.w, state.w_rate]))
-            for dt, instant in zip(np.diff(edges).tolist(), instants, strict=True):
-                after = self._advance(before, state, instant, dt, dt / width)
+            dt, ratio = (
+                float(edges[1] - edges[0]),
+                0.0,
+            )  # accelerations jump, so what was is no guide
+            for instant in instants:
+                after = self._advance(before, state, instant, dt, ratio)
                 ledger.append(ledger[-1] + jump + dt / 2 * (state.power + after.power))
-                before, state, width, jump = state, after, dt, np.zeros(4)
+                before, state, ratio, jump = state, after, 1.0, np.zeros(4)
                 record.append(self._recorded(state, instant))
                 if advance is not None:
                     advance(instant.time)
@@ -158,7 +163,10 @@ class _Player:
     def _advance(
         self, before: _State, state: _State, instant: Instant, dt: float, ratio: float
     ) -> _State:
-        """The state after a step in time, `ratio` times as long as the one before."""
+        """The state after a step in time, `ratio` times as long as the one before.
+
+        With a ratio of 0 it is the implicit Euler method, which forgets the one before.
+        """
         share = 1 / (1 + 2 * ratio)
         past = _counted_from(state, before)
         known = share * ((1 + ratio) ** 2 * state.changing - ratio**2 * past)

@@ -102,12 +102,18 @@ class SimulatedPlan:
         data = {
             "position": (place, result.shape.position(self.Z), {"units": "m"}),
             "planned_position": (place, self.planned, {"units": "m"}),
+            "moment": (
+                ("time", "Z", "director"),
+                result.shape.moment(self.Z),
+                {"units": "N m", "long_name": "internal moment in the directors"},
+            ),
             **{name: ("time", getattr(energy, name), joules) for name in works},
         }
         coordinates = {
             "time": ("time", result.times, {"units": "s"}),
             "Z": ("Z", self.Z, {"units": "m"}),
             "axis": ["X", "Y", "Z"],
+            "director": ["d1", "d2", "d3"],
         }
         return xr.Dataset(data, coordinates, {"summary_json": json.dumps(self.summary())})
 
