@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from .._support.arguments import check_arguments
 from .._support.atomic_files import replacing, write
 from .._support.blas_threads import one_thread
 from .._support.ranges import check
@@ -131,6 +132,7 @@ class SimulatedPlan:
         write(Path(folder) / FILES[1], report)
 
 
+@check_arguments
 @one_thread()
 def simulate(
     plan: Plan,
