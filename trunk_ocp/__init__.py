@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .planning.plan import Plan, PlanError
     from .planning.planner import plan_from, plan_motion
     from .planning.replanning import Replanner
+    from .planning.simulated_plan import SimulatedPlan, simulate
     from .planning.status import Status
     from .planning.storage import load_plan, save_plan
     from .problem.build import load_motion
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from .reporting import Progress, Reporter
     from .rod.buckling import Stability, buckling_margin
     from .rod.buckling import buckling_margin as stability
-    from .rod.flutter import Flutter, flutter
+    from .rod.flutter import Flutter, flutter, natural_frequencies
     from .rod.point_shapes import PointShapes
     from .rod.shape import Shape
     from .rod.shape_map import ShapeMap
@@ -69,9 +70,10 @@ _HOMES = {
     "rod.tip_jacobian": ("tip_jacobian",),
     "rod.shape_map": ("ShapeMap",),
     "planning.plan": ("Plan", "PlanError"),
+    "planning.simulated_plan": ("SimulatedPlan", "simulate"),
     "planning.status": ("Status",),
     "rod.buckling": ("Stability", "buckling_margin"),
-    "rod.flutter": ("Flutter", "flutter"),
+    "rod.flutter": ("Flutter", "flutter", "natural_frequencies"),
     "rod.shape": ("Shape",),
     "rod.statics": ("solve_statics",),
     "planning.options": ("Options",),
@@ -109,6 +111,7 @@ __all__ = [
     "Reporter",
     "Shape",
     "ShapeMap",
+    "SimulatedPlan",
     "SolverMissingError",
     "Stability",
     "StaticsError",
@@ -130,12 +133,14 @@ __all__ = [
     "load_motion",
     "load_plan",
     "measure",
+    "natural_frequencies",
     "optima",
     "plan_from",
     "plan_measures",
     "plan_motion",
     "problem_schema",
     "save_plan",
+    "simulate",
     "smoothness_tradeoff",
     "solve_statics",
     "stability",

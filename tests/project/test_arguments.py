@@ -92,6 +92,11 @@ def calls(plan, replanner, folder):
             {"shape": shape, "activation": REST, "loads": to.Loads()},
         ),
         "flutter": (to.flutter, {"shape": shape, "activation": REST, "loads": to.Loads()}),
+        "natural_frequencies": (
+            to.natural_frequencies,
+            {"shape": shape, "activation": REST, "loads": to.Loads()},
+        ),
+        "simulate": (to.simulate, {"plan": plan, "time_step": 0.5}),
         "tip_jacobian": (
             to.tip_jacobian,
             {"shape": shape, "activation": REST, "head": AHEAD, "loads": to.Loads()},
@@ -122,7 +127,7 @@ def calls(plan, replanner, folder):
 RETURNED_NOT_CALLED = {
     *("Clearance", "Flutter", "Gap"),
     *("Diagnosis", "Finding", "Motion", "Plan", "PointShapes", "Progress", "Reporter", "Shape"),
-    *("Stability", "Status", "Trunk"),
+    *("SimulatedPlan", "Stability", "Status", "Trunk"),
     *("InputError", "PlanError", "SolverMissingError", "StaticsError", "TrunkError"),
 }
 

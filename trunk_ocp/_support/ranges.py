@@ -48,6 +48,8 @@ RANGES = {
     "degree": Range(1, 20),
     "activation limit": Range(0, 1e6, whole=False, above=True),
     "rate limit": Range(0, 1e9, whole=False, above=True),
+    "time step": Range(0, 1e3, whole=False, above=True),
+    "damping time": Range(0, 1e3, whole=False),
     "inertia ratio": Range(0, 1e6, whole=False, above=True),
     "weight": Range(0, 1e12, whole=False),
     "Z": Range(0, 1e6, whole=False),

@@ -27,6 +27,7 @@ LAZY_COMMANDS = {
     "finished_runs": {
         "convert": "Write a finished run as files for Blender, ParaView and OpenSim.",
         "explain": "Explain a finished run: why it failed, or what limits it.",
+        "simulate": "Play a finished run on the trunk with inertia and damping.",
         "slow": "Find how long a finished run's phases must be for inertia not to matter.",
         "view": "Open the interactive page of a finished run, or of a trunk, in a browser.",
     },
@@ -144,8 +145,9 @@ def main() -> None:
     """Plan whole motions of a muscular trunk.
 
     Start with trunk-ocp solve (or solve-motion, the same command). Commands that work on a
-    finished run (explain, slow, view, convert, redundancy) take the problem or the folder of its
-    results; the studies (compare, survey, optima) plan the motion many times themselves.
+    finished run (explain, simulate, slow, view, convert, redundancy) take the problem or the
+    folder of its results; the studies (compare, survey, optima) plan the motion many times
+    themselves.
     """
 
 

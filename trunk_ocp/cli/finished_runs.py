@@ -1,4 +1,4 @@
-"""Commands for a finished run: `trunk-ocp explain`, `slow`, `view` and `convert`."""
+"""Commands for a finished run: `trunk-ocp explain`, `simulate`, `slow`, `view` and `convert`."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from .._support.toml_files import is_file, printable
 from ..analysis.bound_sensitivity import effects
 from ..analysis.diagnosis import explain, save_diagnosis
 from ..codegen.subject import is_problem
+from ..dynamics.simulation import DAMPING_TIME, TIME_STEP
 from ..dynamics.slowing import ACCEPTED, phases_with_inertia
 from ..errors import InputError
 from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
 from ..planning.plan import Plan
 from ..planning.results_folder import hashes
+from ..planning.simulated_plan import SimulatedPlan, simulate
 from ..planning.status import Status
 from ..planning.storage import SOLUTION, finite
 from ..problem.problem_text import problem_text
@@ -28,6 +30,7 @@ from ..problem.variants import slowed_spec
 from .commands import resume_command
 from .common import folder_name, load_run, print_outcome, print_plain
 from .option_types import number_option
+from .progress import progress_bar
 from .safe_streams import standard_output
 from .tables import finding_lines, history_table, slowing_table
 
@@ -73,6 +76,50 @@ def _explain(plan: Plan, folder: Path, console: Console) -> object:
         for sentence in sentences:
             print_plain(console, f"    {sentence}")
     return diagnosis.as_json()
+
+
+@click.command("simulate")
+@click.argument("run", metavar="PROBLEM|DIR", default="pick-fruit")
+@number_option("--time-step", "time step", "S", "Longest step in time, s.", TIME_STEP)
+@number_option("--damping-time", "damping time", "S", "Of the tissue, s; 0: none.", DAMPING_TIME)
+def simulate_command(run: str, time_step: float, damping_time: float) -> None:
+    """Play a finished run on the trunk with inertia and damping.
+
+    Plans are quasi-static. This plays their activations, head angles and loads on a trunk that has
+    mass, and says how far that is from the plan: simulation.nc, simulation.json and a figure are
+    written beside each plan. Takes a few seconds.
+    """
+    from ..figures import FORMATS
+    from ..figures.simulation import draw_simulation
+
+    console = Console(highlight=False)
+    _, plans = load_run(run)
+    for folder, plan in plans.items():
+        result = _simulated(plan, time_step, damping_time, console)
+        result.save(folder)
+        draw_simulation(result, folder / "figures", FORMATS)
+        found = result.summary()
+        share = found["energy_imbalance"] / found["work"] if found["work"] else 0.0
+        print_plain(
+            console,
+            f"{plan.mode}: up to {1e3 * found['largest_distance']:.3g} mm from the plan, at Z = "
+            f"{found['largest_distance_Z']:.2f} m and {found['largest_distance_time']:.3g} s; the "
+            f"tip ends {1e3 * found['tip_distance_at_end']:.3g} mm from it",
+        )
+        print_plain(console, f"  energy balances to {share:.1g} of the work; results in {folder}/")
+
+
+def _simulated(
+    plan: Plan, time_step: float, damping_time: float, console: Console
+) -> SimulatedPlan:
+    """Simulate a plan, with a progress bar."""
+    with progress_bar(console, f"simulating the {plan.mode} plan", "ms", transient=True) as bar:
+        task = bar.add_task(plan.mode, total=round(1e3 * float(plan.times[-1])))
+
+        def advance(t: float) -> None:
+            bar.update(task, completed=round(1e3 * t))
+
+        return simulate(plan, time_step, damping_time, advance)
 
 
 @click.command("slow")

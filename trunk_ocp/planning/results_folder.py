@@ -31,9 +31,11 @@ FIGURE = r"\.(pdf|png|svg)"
 OF_PLAN = {
     ".": re.compile(
         r"diagnosis\.json|redundancy\.json|motion\.glb|activations\.sto|film\.(gif|mp4)"
+        r"|simulation\.(json|nc)"
     ),
     "figures": re.compile(
-        r"(activations|errors|shapes|muscles-[a-z]+|redundancy)(-[0-9]+)?" + FIGURE  # with its page
+        r"(activations|errors|shapes|muscles-[a-z]+|redundancy|simulation)(-[0-9]+)?"  # with its page
+        + FIGURE
     ),
     "vtk": re.compile(r"(muscles|centerline)(\.pvd|_[0-9]{4}\.vtp)"),
 }
