@@ -34,8 +34,8 @@ OF_PLAN = {
         r"|simulation\.(json|nc)"
     ),
     "figures": re.compile(
-        r"(activations|errors|shapes|muscles-[a-z]+|redundancy|simulation)(-[0-9]+)?"  # with its page
-        + FIGURE
+        r"(activations|errors|shapes|muscles-[a-z]+|redundancy|simulation)"
+        r"(-[0-9]+)?" + FIGURE  # with its page
     ),
     "vtk": re.compile(r"(muscles|centerline)(\.pvd|_[0-9]{4}\.vtp)"),
 }
