@@ -50,6 +50,19 @@ def test_a_plan_around_a_ball_reaches_the_target_and_touches_the_ball():
     assert all(row.body == "ball" for rows in plan.gaps.values() for row in rows)
 
 
+@pytest.mark.parametrize("clear", [False, True])
+def test_a_glance_finds_what_collides_between_steps_and_bounds_what_does_not(clear):
+    ball = BALL | {"center": (0.25, 0.25, 0.55)} if clear else BALL
+    motion = reaching([BEYOND], OBSTACLES, [ball], interpolation="cosine")
+    blind = plan_motion(motion.with_contact("none"))
+    plan = replace(blind, motion=motion)
+    (glance,) = (gap for gap in plan.gaps_on_ways(hurry=True) if gap.body == "ball")
+    (proved,) = (gap for gap in plan.gaps_between if gap.body == "ball")
+    assert (proved.gap > 0) == clear
+    assert glance.gap == pytest.approx(proved.gap, abs=1e-3)
+    assert glance.bound == (proved.bound if clear else -np.inf)
+
+
 def test_sequential_plans_keep_clear_too():
     plan = plan_motion(around(), lookahead=1, throw=False)
     assert plan.mode == "sequential"

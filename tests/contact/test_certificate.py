@@ -6,12 +6,14 @@ from plans import shipped
 from scipy.spatial.transform import Rotation
 
 from trunk_ocp.contact.certificate import (
-    error_along,
-    error_in_time,
+    Curving,
+    Error,
+    curving_along,
+    curving_in_time,
     pair_bounds,
     solid_bounds,
 )
-from trunk_ocp.contact.tube import Tube, solid_gaps, tube
+from trunk_ocp.contact.tube import Tube, pair_gaps, solid_gaps, tube
 from trunk_ocp.model.solids import Solid, signed_distance
 from trunk_ocp.rod.statics import solve_statics
 from trust.validation.rods import contractions
@@ -19,6 +21,16 @@ from trust.validation.rods import contractions
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "half-space": 0, "box": 3, "ellipsoid": 3}
 FINER = 6  # dense samples of a piece
 ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+
+
+def error_along(discs):
+    """The error at instants."""
+    return Error(curving_along([discs]), Curving.none(len(discs.center), len(discs.Z) - 1))
+
+
+def cell_error(instants, quarter):
+    """The error on a quarter of a cell."""
+    return Error(curving_along(instants[quarter : quarter + 2]), curving_in_time(instants))
 
 
 def bounds_along(discs, solid):
@@ -29,10 +41,11 @@ def bounds_between(first, last, error, solid):
     return solid_bounds([first, last], error, np.arange(len(first.Z) - 1), solid)
 
 
-def cell_error(instants, quarter):
-    """The whole error on a quarter of a cell, along the trunk and in time."""
-    ends = instants[quarter : quarter + 2]
-    return np.max([error_along(discs) for discs in ends], axis=0) + error_in_time(instants)
+def below(curving, normal):
+    """How far all pieces may lie below their chords along a unit vector (3,), (C, P)."""
+    pieces = np.arange(curving.turning.shape[1])
+    normals = np.broadcast_to(normal, (*curving.turning.shape, 3))
+    return curving.below(pieces, normals)
 
 
 def random_motion(seed):
@@ -94,7 +107,7 @@ def test_bounds_along_the_trunk_hold_and_converge(shape):
             least = signed_distance(solid, dense(motion, n, times))[0].min(axis=(2, 3))
             assert np.all(bounds <= least)
             gaps = solid_gaps(motion(np.linspace(0, 1, 1001), times), solid)
-            lost.append(abs(gaps.min() - bounds.min()))
+            lost.append(max(gaps.min() - bounds.min(), 0.0))  # some bounds are sharper than gaps
     assert np.mean(slack[64]) < np.mean(slack[16]) / 6
     assert max(slack[64]) < 0.01
 
@@ -116,7 +129,7 @@ def test_bounds_between_instants_hold_and_converge(shape):
                 least = signed_distance(solid, points)[0].min(axis=(0, 2, 3))
                 assert np.all(bounds <= least)
                 moving = motion(np.linspace(0, 1, 401), np.linspace(*ends, 7))
-                lost.append(abs(solid_gaps(moving, solid).min() - bounds.min()))
+                lost.append(max(solid_gaps(moving, solid).min() - bounds.min(), 0.0))
     assert np.mean(slack[0.4]) < np.mean(slack[1.6]) / 3
     assert max(slack[0.4]) < 0.01
 
@@ -134,7 +147,8 @@ def test_bounds_of_pairs_hold_and_converge():
             for (i, j), bound in zip(pairs, bounds, strict=True):
                 least = np.linalg.norm(points[i][:, None] - points[j][None], axis=-1).min()
                 assert bound <= least
-                lost.append(least - bound)
+                corners = np.array([(i + a, j + b) for a in (0, 1) for b in (0, 1)])
+                lost.append(pair_gaps(discs, corners).min() - bound)
     assert np.mean(slack[64]) < np.mean(slack[16]) / 2
 
 
@@ -175,13 +189,22 @@ def straight(offsets, radius=0.05):
     return Tube(Z, center, tangent, np.full(center.shape[:2], radius))
 
 
+def test_a_tilted_disc_is_bounded_by_its_rim_not_by_the_direction_of_its_center():
+    discs = straight(np.zeros((1, 3)))
+    ball = Solid("it", "obstacles", "sphere", (1.1, 0.0, 0.2), sizes=(0.05,))
+    rim = np.hypot(0.1, 0.15) - 0.05
+    bound = bounds_along(discs, ball).min()
+    assert solid_gaps(discs, ball).min() < rim - 1e-3 < bound <= rim
+
+
 def test_a_motion_with_an_inflection_in_the_middle_is_not_taken_for_a_straight_one():
     t = np.linspace(-1, 1, 5)
     path = np.stack([0 * t, 0 * t, 0.1 * t**3], axis=-1)
-    error = error_in_time([straight(path[i : i + 1]) for i in range(5)])
+    curving = curving_in_time([straight(path[i : i + 1]) for i in range(5)])
     fine = np.linspace(-1, 1, 401)
-    chords = np.interp(fine, t, path[:, 2])
-    assert error.min() >= np.abs(0.1 * fine**3 - chords).max()
+    above = 0.1 * fine**3 - np.interp(fine, t, path[:, 2])
+    for side in (-1, 1):
+        assert below(curving, [0, 0, side]).min() >= -(side * above).min()
 
 
 def test_curvature_that_jumps_at_a_break_is_bounded_on_both_sides():
@@ -196,13 +219,30 @@ def test_curvature_that_jumps_at_a_break_is_bounded_on_both_sides():
         tangent = np.stack([np.cos(turn), 0 * x, np.sin(turn)], axis=-1)[None]
         return Tube(at, center, tangent, np.full((1, at.size), 0.06), np.isclose(at, 0.5))
 
-    error = error_along(discs(s))[0]
-    fine = discs(np.linspace(0, 1, 16 * n + 1)).center[0]
-    for i in range(n):
-        chord = np.linspace(fine[16 * i], fine[16 * i + 16], 17)
-        assert error[i] >= np.linalg.norm(fine[16 * i : 16 * i + 17] - chord, axis=-1).max()
-    assert error[: n // 2].max() < 1e-12 < error[n // 2 :].min()
+    curving, fine = curving_along([discs(s)]), discs(np.linspace(0, 1, 16 * n + 1)).center[0]
+    for angle in ANGLES[::6]:
+        normal = np.array([np.cos(angle), 0, np.sin(angle)])
+        error = below(curving, normal)[0]
+        for i in range(n):
+            chord = np.linspace(fine[16 * i], fine[16 * i + 16], 17)
+            assert error[i] >= ((chord - fine[16 * i : 16 * i + 17]) @ normal).max()
+        assert error[: n // 2].max() < 1e-12
+    assert below(curving, [0, 0, 1.0])[0, n // 2] > 1e-4
+
+
+def test_a_curl_is_nowhere_closer_to_what_it_is_curled_around_than_its_chords():
+    s = np.linspace(0, 2, 129)
+    turn = s / 0.3
+    out = np.stack([np.cos(turn), 0 * s, np.sin(turn)], axis=-1)
+    tangent = np.stack([-np.sin(turn), 0 * s, np.cos(turn)], axis=-1)
+    discs = Tube(s, 0.3 * out[None], tangent[None], np.full((1, 129), 0.2))
+    outward = (out[1:] + out[:-1]) / np.linalg.norm(out[1:] + out[:-1], axis=1, keepdims=True)
+    curving, pieces = curving_along([discs]), np.arange(128)
+    assert np.all(curving.below(pieces, outward[None]) == 0)
+    sagitta = (0.3 + 0.2) * (1 - np.cos(turn[1] / 2))
+    assert np.all(curving.below(pieces, -outward[None]) > sagitta)
 
 
 def test_a_piece_without_neighbors_has_no_bound():
-    assert np.all(np.isinf(error_along(straight(np.zeros((1, 3))).part(slice(0, 2)))))
+    curving = curving_along([straight(np.zeros((1, 3))).part(slice(0, 2))])
+    assert np.all(np.isinf(below(curving, [0, 0, 1.0])))

@@ -14,28 +14,29 @@ from ..problem.interpolation import interpolate_all, jumps, loads_at, loads_befo
 from ..problem.motion import Motion
 from ..rod.shape import Shape
 from ..rod.statics import solve_statics
-from .certificate import error_in_time
+from .certificate import curving_in_time
 from .gaps import (
+    FAR,
     Cells,
     Gap,
     Nearest,
     body_of,
     nearest_to_itself,
     nearest_to_solid,
+    reaches,
     section_points,
 )
-from .tube import Tube, seen_by, tube
+from .tube import Tube, seen_by, solid_gaps, tube
 
 FIRST_CELLS, MAX_DIVISIONS = 2, 4
 """Pieces of the time between two steps, and how often they are divided into quarters at most."""
 BETWEEN_TOL = 5.5e-5
 """By how much a gap may be too small between time steps, as a share of the trunk's length; 0.096 mm
 for the elephant."""
-DOUBT_TOL = 4.5e-5
-"""Lower bounds that allow more than this, over L, are made more accurate: the check subtracts some
-0.005 mm from them, the error of planned shapes."""
 MAX_DEFECT = 1e-4
 """Largest `Shape.defect` of a shape between time steps; its mesh was checked at the steps only."""
+GLANCE = (16, 2)
+"""Sections to one that is looked at in a hurry: of all bodies, and of those closer than `FAR`."""
 AT_ONCE = 16
 """Ways to time steps that are looked at together; each takes some 5 MB."""
 
@@ -47,6 +48,8 @@ def gaps_between_steps(
     loads: Sequence[Loads],
     shape: Shape,
     precise: Collection[str],
+    off: np.ndarray,
+    hurry: bool = False,
 ) -> list[Gap]:
     """Gaps on the way to each time step, from the one before or from the start.
 
@@ -57,6 +60,10 @@ def gaps_between_steps(
     precise : collection of str
         Groups of bodies for which time is divided further where it is not clear whether a gap is
         large enough.
+    off : (H,)
+        How far planned shapes may be from the true ones, in m; lower bounds are less by that.
+    hurry : bool
+        Whether lower bounds do not matter once some gap of these groups is too small.
     """
     moving = [
         t for t in range(len(x)) if motion.phases[motion.steps[t].phase].interpolation != "none"
@@ -65,11 +72,13 @@ def gaps_between_steps(
     return [
         gap
         for ways in parts
-        for gap in _gaps_on_ways(_Samples(motion, x, loads, shape), ways, precise)
+        for gap in _gaps_on_ways(_Samples(motion, x, loads, shape), ways, precise, off, hurry)
     ]
 
 
-def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: Collection[str]) -> list[Gap]:
+def _gaps_on_ways(
+    samples: _Samples, ways: Sequence[int], precise: Collection[str], off: np.ndarray, hurry: bool
+) -> list[Gap]:
     """Gaps on the way to some time steps (from 0)."""
     motion = samples.motion
     times = np.append(0.0, motion.times)
@@ -80,14 +89,16 @@ def _gaps_on_ways(samples: _Samples, ways: Sequence[int], precise: Collection[st
         for t, index in zip(ways, indices, strict=True)
         if t not in lost
     ]
-    bodies, cells = _bodies(motion, ways), _Cells.joined(parts)
+    bodies, cells = _bodies(motion, ways, off), _Cells.joined(parts)
     asked = [body for body in bodies if body_of(body.solid)[1] in precise]
     for number in range(MAX_DIVISIONS if asked else 1):
-        if not cells.steps.size:
+        if not cells.steps.size or (hurry and any(body.too_close for body in asked)):
             break
         inner = samples.inside(cells)
         lost |= set(cells.steps[np.any(inner < 0, axis=0)].tolist())
         alive = ~np.isin(cells.steps, list(lost))
+        if hurry and number == 0 and _glance(samples, asked, cells.chosen(alive), inner[:, alive]):
+            break
         those = asked if number else bodies
         _look(samples, those, cells.chosen(alive), inner[:, alive], everything=number == 0)
         cells = _Cells.joined([body.cells for body in asked]).distinct()
@@ -119,29 +130,41 @@ class _Cells:
 class _Body:
     """A solid, or the trunk itself, and the smallest gap to it on the way to each time step.
 
-    `there` (H,) says on the way to which steps it is there. `cells` are the pieces of time in
-    which it is not clear whether the gap is large enough, with lower bounds `open_bounds`; `bound`
-    (H,) is a lower bound in all others.
+    `there` (H,) says on the way to which steps it is there, and `off` (H,) how far shapes on that
+    way may be from the true ones, in m. Gaps may be `tol` too small. `cells` are the pieces of time
+    in which it is not clear whether the gap is large enough, with lower bounds `open_bounds`;
+    `best.bound` is a lower bound in all others.
     """
 
     solid: Solid | None
     there: np.ndarray
+    off: np.ndarray
+    tol: float
     best: Nearest
     cells: _Cells = field(default_factory=lambda: _Cells.joined([]))
     open_bounds: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    def update(self, cells: _Cells, found: Nearest, length: float) -> None:
-        """Take the smallest gaps on cells of a trunk of some length into account."""
-        best, least = self.best, body_of(self.solid)[2]
-        order = np.argsort(found.gap, kind="stable")
-        steps, first = np.unique(cells.steps[order], return_index=True)
+    @property
+    def too_close(self) -> bool:
+        """Whether a gap is too small beyond doubt."""
+        return bool(np.any(self.best.gap < body_of(self.solid)[2] - self.tol))
+
+    def closer(self, ways: np.ndarray, found: Nearest) -> None:
+        """Take gaps (C,) found on the ways to some steps (C,) into account."""
+        best, order = self.best, np.argsort(found.gap, kind="stable")
+        steps, first = np.unique(ways[order], return_index=True)
         closer = found.gap[order[first]] < best.gap[steps]
         to, source = steps[closer], order[first][closer]
         for name in ("gap", "time", "places"):
             getattr(best, name)[to] = getattr(found, name)[source]
+
+    def update(self, cells: _Cells, found: Nearest) -> None:
+        """Take the smallest gaps on cells and their lower bounds into account."""
+        self.closer(cells.steps, found)
+        best, least = self.best, body_of(self.solid)[2]
         smallest = best.gap[cells.steps]
-        doubtful = found.bound < least - DOUBT_TOL * length
-        doubtful &= least - smallest <= BETWEEN_TOL * length  # else it is too small beyond doubt
+        doubtful = found.bound - self.off[cells.steps] < least - self.tol
+        doubtful &= least - smallest <= self.tol  # else it is too small beyond doubt
         np.minimum.at(best.bound, cells.steps[~doubtful], found.bound[~doubtful])
         self.cells, self.open_bounds = cells.chosen(doubtful), found.bound[doubtful]
 
@@ -152,10 +175,10 @@ class _Body:
             return Gap(name, group, step, float(times[step]), np.nan, -np.inf, least, np.nan)
         gap = self.best.gap_of(self.solid, step, step)
         rest = float(np.min(self.open_bounds[self.cells.steps == step], initial=np.inf))
-        return replace(gap, bound=min(gap.bound, rest, gap.gap))
+        return replace(gap, bound=min(gap.bound, rest, gap.gap) - float(self.off[step]))
 
 
-def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
+def _bodies(motion: Motion, ways: Sequence[int], off: np.ndarray) -> list[_Body]:
     """Solids on the way to some time steps, and the trunk itself.
 
     A log that moves is one body, at the place where it is first.
@@ -163,6 +186,7 @@ def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
     there: dict[Solid | None, np.ndarray] = {}
     logs: dict[Solid, Solid] = {}
     count = len(motion.steps)
+    off = np.pad(np.maximum(off, np.append(0.0, off[:-1])), (0, count - len(off)))
     for t in ways:
         for solid in (*motion.steps[t].solids, None):
             if solid is not None and solid.group == "log":
@@ -172,6 +196,8 @@ def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
         _Body(
             solid,
             at,
+            off,
+            BETWEEN_TOL * motion.trunk.length,
             Nearest(
                 np.full(count, np.inf),
                 np.append(0.0, motion.times)[:-1],
@@ -181,6 +207,33 @@ def _bodies(motion: Motion, ways: Sequence[int]) -> list[_Body]:
         )
         for solid, at in there.items()
     ]
+
+
+def _glance(samples: _Samples, bodies: Sequence[_Body], cells: _Cells, inner: np.ndarray) -> bool:
+    """Whether the trunk is too close to a solid at the samples of cells; then no gap is bounded."""
+    for body in bodies:
+        chosen = body.there[cells.steps]
+        if body.solid is not None and np.any(chosen):
+            index = np.concatenate([cells.ends, inner])[:, chosen]
+            ways = np.tile(cells.steps[chosen], len(index))
+            body.closer(ways, _at_samples(samples, index.ravel(), body.solid))
+    too_close = any(body.too_close for body in bodies)
+    for body in bodies:
+        body.best.bound[:] = -np.inf if too_close else np.inf
+    return too_close
+
+
+def _at_samples(samples: _Samples, index: np.ndarray, solid: Solid) -> Nearest:
+    """Gaps from a solid at some samples (C,), roughly if they are large."""
+    discs = samples.seen(index, solid)
+    for stride in GLANCE:
+        part = discs.part(slice(None, None, stride))
+        gaps = np.where(reaches(part.Z, solid), solid_gaps(part, solid), np.inf)
+        if gaps.min() > FAR * samples.motion.trunk.length:
+            break
+    at = gaps.argmin(axis=1)
+    places = np.stack([part.Z[at], np.full(at.size, np.nan)], axis=1)
+    return Nearest(gaps.min(axis=1), samples.times[index], places, np.full(at.size, -np.inf))
 
 
 def _look(
@@ -204,16 +257,14 @@ def _look(
         if key not in known:
             seen = [samples.seen(index, body.solid) for index in instants]
             ends = [samples.seen(index, body.solid) for index in quarters]
-            error = np.tile(error_in_time(seen), (4, 1))
-            known[key] = Cells(samples.times[quarters], ends[0], ends[1], error)
+            in_time = curving_in_time(seen)[np.tile(np.arange(instants.shape[1]), 4)]
+            known[key] = Cells(samples.times[quarters], ends[0], ends[1], in_time)
         found = (
             nearest_to_itself(known[key])
             if body.solid is None
             else nearest_to_solid(body.solid, known[key])
         )
-        body.update(
-            _Cells(quarters, np.tile(cells.steps[chosen], 4)), found, samples.motion.trunk.length
-        )
+        body.update(_Cells(quarters, np.tile(cells.steps[chosen], 4)), found)
 
 
 def _observer(solid: Solid | None) -> str:

@@ -36,8 +36,9 @@ NEAREST = 0.0015
 MARGIN = 5e-5
 """Of the rows of a plan, over L; 0.09 mm for the elephant. Without, most plans are made again for a
 collision of this size."""
-OVERSHOOT = 1.5
-"""Tightening over what is missing, which saves a plan: other steps move a little, too."""
+OVERSHOOT, OVERSHOOT_AGAIN = 1.5, 3.0
+"""Tightening over what is missing, which saves a plan: other steps move a little, too. Where it was
+not enough, they move more."""
 FEW, FAR = 8, 0.02
 """One in so many sections is looked at first; only if some of these are closer to each other, over
 L, all pairs are."""
@@ -95,26 +96,27 @@ class Exchange:
             self._add_pairs(t, discs[t : t + 1].part(slice(None, None, 2)))
         return self.count - before
 
-    def too_small(self, gaps: Sequence[Gap]) -> list[tuple[Gap, float]]:
+    def too_small(self, gaps: Sequence[Gap], bounds: bool = True) -> list[tuple[Gap, float]]:
         """The gaps on the way to time steps that are too small, and by how much in m.
 
-        Where the gap itself is large enough, its lower bound counts.
+        bounds : whether lower bounds count, if all gaps themselves are large enough.
         """
         tol = BETWEEN_TOL * self.motion.trunk.length
-        missing = [(g, g.depth if g.depth > tol else g.least - g.bound) for g in gaps]
-        return [  # where nothing is known, larger gaps are no cure
-            (gap, short)
-            for gap, short in missing
-            if self.asks(gap.group) and short > tol and np.isfinite(short)
-        ]
+        asked = [gap for gap in gaps if self.asks(gap.group)]
+        deep = [(gap, gap.depth) for gap in asked if gap.depth > tol]
+        if deep or not bounds:
+            return deep
+        missing = [(gap, gap.least - gap.bound) for gap in asked]
+        # Where nothing is known, larger gaps are no cure.
+        return [(gap, short) for gap, short in missing if tol < short < np.inf]
 
-    def tighten(self, gaps: Sequence[Gap]) -> list[int]:
-        """Ask for larger gaps around each way on which a gap is too small.
+    def tighten(self, gaps: Sequence[Gap], bounds: bool = True) -> list[int]:
+        """Ask for larger gaps around each way on which a gap is too small; see `too_small`.
 
         Returns the time steps (from 0) that these ways lead to.
         """
         missing: dict[tuple[int, str], float] = {}
-        small, at_steps = self.too_small(gaps), dict(self.short)
+        small, at_steps = self.too_small(gaps, bounds), dict(self.short)
         for gap, short in small:
             steps = {max(gap.step - 1, 0), gap.step}
             known = max(at_steps.get((t, gap.body), 0.0) for t in steps)  # new rows see to it
@@ -122,7 +124,8 @@ class Exchange:
                 missing[t, gap.body] = max(missing.get((t, gap.body), 0.0), short - known)
                 self._add_at(t, gap)
         for key, short in missing.items():
-            self.extra[key] = self.extra.get(key, 0.0) + OVERSHOOT * short
+            known = self.extra.get(key, 0.0)
+            self.extra[key] = known + (OVERSHOOT_AGAIN if known else OVERSHOOT) * short
         for t, rows in self.rows.items():
             self.rows[t] = tuple(self._row(t, row.Z, row.solid, row.other) for row in rows)
         return sorted({gap.step for gap, _ in small})

@@ -11,7 +11,7 @@ import numpy as np
 from ..model.solids import SELF, Solid
 from ..problem.motion import Motion
 from ..rod.shape import Shape
-from .certificate import error_along, pair_bounds, solid_bounds
+from .certificate import Curving, Error, curving_along, pair_bounds, solid_bounds
 from .tube import Tube, apart, creases, pair_gaps, seen_by, solid_gaps, tube
 
 SECTIONS = 512
@@ -69,40 +69,42 @@ class Gap:
 class Cells:
     """C pieces of time, with the shapes at their ends and the errors between them.
 
-    times (2, C) in s; error (C, n - 1) from `error_in_time`. At instants both ends are the same.
+    times (2, C) in s; `in_time` from `curving_in_time`. At instants both ends are the same.
     """
 
     times: np.ndarray
     first: Tube
     last: Tube
-    error: np.ndarray
-    _levels: dict[int, tuple[list[Tube], np.ndarray]] = field(default_factory=dict, repr=False)
+    in_time: Curving
+    _levels: dict[int, tuple[list[Tube], Error]] = field(default_factory=dict, repr=False)
 
     @staticmethod
     def instants(discs: Tube, times: np.ndarray) -> Cells:
         """Shapes at instants, as cells of no duration."""
-        none = np.zeros((len(times), len(discs.Z) - 1))
+        none = Curving.none(len(times), len(discs.Z) - 1)
         return Cells(np.stack([times, times]), discs, discs, none)
 
     def chosen(self, index: np.ndarray) -> Cells:
         """Some of the cells."""
         first = self.first[index]
         last = first if self.last is self.first else self.last[index]
-        return Cells(self.times[:, index], first, last, self.error[index])
+        return Cells(self.times[:, index], first, last, self.in_time[index])
 
-    def level(self, stride: int) -> tuple[list[Tube], np.ndarray]:
-        """Every so many discs, and the errors (C, P) between them; kept, as many bodies ask for it.
+    def level(self, stride: int, active: np.ndarray) -> tuple[list[Tube], Error]:
+        """Every so many discs of some cells, and the errors between them.
 
-        The error in time of a long piece is at most the largest of its parts.
+        Those of all cells are kept, as all bodies ask for the coarsest.
         """
-        if stride not in self._levels:
-            tubes = [discs.part(slice(None, None, stride)) for discs in self.tubes]
-            along = np.max([error_along(discs) for discs in tubes], axis=0)
-            starts = np.arange(0, self.error.shape[1], stride)
-            self._levels[stride] = (
-                tubes, along + np.maximum.reduceat(self.error, starts, axis=1)
-            )  # fmt: skip
-        return self._levels[stride]
+        if active.size == self.times.shape[1]:
+            if stride not in self._levels:
+                self._levels[stride] = self._level(stride, np.s_[:])
+            return self._levels[stride]
+        return self._level(stride, active)
+
+    def _level(self, stride: int, active: slice | np.ndarray) -> tuple[list[Tube], Error]:
+        tubes = [discs.part(slice(None, None, stride))[active] for discs in self.tubes]
+        starts = np.arange(0, self.in_time.turning.shape[1], stride)
+        return tubes, Error(curving_along(tubes), self.in_time[active].joined(starts))
 
     @property
     def tubes(self) -> tuple[Tube, ...]:
@@ -213,22 +215,28 @@ def body_of(solid: Solid | None) -> tuple[str, str, float]:
     return (SELF, "self", 0.0) if solid is None else (solid.name, solid.group, solid.clearance)
 
 
+def reaches(Z: np.ndarray, solid: Solid) -> np.ndarray:
+    """Which points (n,) of the trunk a solid concerns; the nearest one of a very short part."""
+    low, high = solid.Z
+    counts = (low <= Z) & (high >= Z)
+    counts[np.abs(Z - min(low, Z[-1])).argmin()] |= not np.any(counts)
+    return counts
+
+
 def nearest_to_solid(solid: Solid, cells: Cells) -> Nearest:
     """The smallest gaps on cells whose shapes are seen from the solid.
 
     Bounds are those of all pieces that the solid's part of the trunk reaches into.
     """
-    low, high = solid.Z
-    Z = cells.first.Z
-    counts = (low <= Z) & (high >= Z)
-    counts[np.abs(Z - min(low, Z[-1])).argmin()] |= not np.any(counts)  # a very short part
+    (low, high), Z = solid.Z, cells.first.Z
+    counts = reaches(Z, solid)
 
     def at_discs(discs: Tube, pieces: np.ndarray, stride: int) -> tuple[np.ndarray, np.ndarray]:
         ends = np.unique([pieces, pieces + 1])
         gaps = solid_gaps(discs.part(ends), solid)
         return np.where(counts[::stride][ends], gaps, np.inf), discs.Z[ends, None]
 
-    def bounds(instants: list[Tube], error: np.ndarray, pieces: np.ndarray) -> np.ndarray:
+    def bounds(instants: list[Tube], error: Error, pieces: np.ndarray) -> np.ndarray:
         return solid_bounds(instants, error, pieces, solid)
 
     def divide(pieces: np.ndarray, ratio: int, stride: int) -> np.ndarray:
@@ -247,7 +255,7 @@ def nearest_to_itself(cells: Cells) -> Nearest:
     def at_discs(discs: Tube, pairs: np.ndarray, stride: int) -> tuple[np.ndarray, np.ndarray]:
         return pair_gaps(discs, pairs), discs.Z[pairs]
 
-    def bounds(instants: list[Tube], error: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    def bounds(instants: list[Tube], error: Error, pairs: np.ndarray) -> np.ndarray:
         touching = np.any([apart(discs, pairs + FAR_ENDS) for discs in instants], axis=0)
         return np.where(touching, pair_bounds(instants, error, pairs), np.inf)
 
@@ -280,7 +288,7 @@ class _Search:
 
     cells: Cells
     at_discs: Callable[[Tube, np.ndarray, int], tuple[np.ndarray, np.ndarray]]
-    bounds: Callable[[list[Tube], np.ndarray, np.ndarray], np.ndarray]
+    bounds: Callable[[list[Tube], Error, np.ndarray], np.ndarray]
     divide: Callable[[np.ndarray, int, int], np.ndarray]
 
     def run(self, pieces: np.ndarray) -> Nearest:
@@ -295,9 +303,7 @@ class _Search:
         )
         active = np.arange(count)  # cells that still have unsettled pieces
         for stride, finer in zip(STRIDES, (*STRIDES[1:], 0), strict=True):
-            tubes, errors = cells.level(stride)
-            if active.size < count:
-                tubes, errors = [discs[active] for discs in tubes], errors[active]
+            tubes, errors = cells.level(stride, active)
             for k, discs in enumerate(tubes):
                 self._closer(discs, pieces, cells.times[k], stride, best, active)
             bounds, gap = self.bounds(tubes, errors, pieces), best.gap[active]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,12 +16,30 @@ from .clearance import COLLISION_TOL
 from .gaps import Gap, gaps_at_start
 
 
-def obstructions(motion: Motion) -> list[str]:
-    """What makes it impossible to keep clear of the bodies that a motion asks to, a sentence each.
+@dataclass(frozen=True)
+class Obstructions:
+    """What makes it impossible to keep clear of the bodies that a motion asks to.
+
+    `sentences` say it; `at_start` names the bodies that the trunk is in before it starts.
+    """
+
+    sentences: tuple[str, ...]
+    at_start: frozenset[str]
+
+
+def obstructions(motion: Motion) -> Obstructions:
+    """What no plan of a motion can keep clear of.
 
     A point of the centerline cannot be in a body; nor can a plan change where the trunk hangs
     before it starts.
     """
+    stuck = stuck_at_start(motion)
+    sentences = (*_blocked_targets(motion), *map(_at_start, stuck))
+    return Obstructions(sentences, frozenset(gap.body for gap in stuck))
+
+
+def _blocked_targets(motion: Motion) -> list[str]:
+    """Targets inside bodies, a sentence each."""
     tol = COLLISION_TOL * motion.trunk.length
     deepest: dict[tuple[str, str], tuple[float, str]] = {}
     for number, step in enumerate(motion.steps, 1):
@@ -36,7 +54,7 @@ def obstructions(motion: Motion) -> list[str]:
                     )
                     key = (target.source, solid.name)
                     deepest[key] = max(deepest.get(key, (0.0, "")), (depth, sentence))
-    return [*(sentence for _, sentence in deepest.values()), *_at_start(motion)]
+    return [sentence for _, sentence in deepest.values()]
 
 
 def _depth(target: Target, solid: Solid) -> float:
@@ -60,14 +78,13 @@ def stuck_at_start(motion: Motion) -> list[Gap]:
     return [g for g in gaps_at_start(motion, shape) if g.group in motion.contact and g.depth > tol]
 
 
-def _at_start(motion: Motion) -> Iterator[str]:
-    """Bodies that the trunk is in before anything is planned."""
-    for gap in stuck_at_start(motion):
-        yield (
-            f"at the start the trunk is {1e3 * gap.depth:.3g} mm too "
-            f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
-            "later phase"
-        )
+def _at_start(gap: Gap) -> str:
+    """That the trunk is too close to a body before anything is planned."""
+    return (
+        f"at the start the trunk is {1e3 * gap.depth:.3g} mm too "
+        f"close to {_the(gap)} at Z = {gap.Z:.2f} m; move it, or let it appear in a "
+        "later phase"
+    )
 
 
 def _the(gap: Gap) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from .._support.wording import step_list
 from ..contact.exchange import MARGIN, Exchange
 from ..contact.gaps import Gap
-from ..contact.obstructions import obstructions, stuck_at_start
+from ..contact.obstructions import Obstructions
 from ..errors import InputError
 from ..problem.interpolation import interpolate_all
 from ..problem.motion import Motion
@@ -37,19 +37,19 @@ MAX_TIGHTENING = 5e-3
 9 mm for the elephant. A deeper one needs more time steps."""
 
 
-def clear_of_bodies(plan: Plan, run: PlanningRun) -> Plan:
+def clear_of_bodies(plan: Plan, run: PlanningRun, blocked: Obstructions) -> Plan:
     """The plan, made again with rows for gaps that are too small, until none is.
 
-    `run` made the plan; its motion says which bodies to keep clear of. Gaps between time steps
-    matter once those at time steps are kept. A horizon that passes deep through a body between
-    them gets additional time steps. Ends early where a plan does not converge.
+    `run` made the plan; its motion says which bodies to keep clear of, and `blocked` which it
+    cannot. Gaps between time steps matter once those at time steps are kept. A horizon that passes
+    deep through a body between them gets additional time steps. Ends early where a plan does not
+    converge.
     """
     margin = MARGIN * run.motion.trunk.length
     exchange = Exchange(run.motion, dict(run.gaps), margin=margin)
-    stuck = {gap.body for gap in stuck_at_start(run.motion)}
-    most = 0 if obstructions(run.motion) else MAX_INSERTIONS
+    most = 0 if blocked.sentences else MAX_INSERTIONS
     for insertions in range(most + 1):
-        plan, deep = _exchanged(plan, run, exchange, stuck)
+        plan, deep = _exchanged(plan, run, exchange, blocked.at_start)
         motion = _refined(plan, deep) if run.mode == "horizon" and insertions < most else None
         if motion is None:
             break
@@ -85,17 +85,19 @@ def _exchanged(
         if added:
             reporter.note(f"Planning again with {exchange.count} gaps to keep.")
         if max(exchange.short.values(), default=0.0) <= nearly:
-            between = _between(plan, exchange, stuck, settled=not added)
+            between = _between(plan, exchange, stuck)
             deep = [gap for gap in between if exchange.asks(gap.group) and not gap.depth <= limit]
             if deep and not added:
                 return plan, deep
             tightenings += 1
-            ways = exchange.tighten(between) if tightenings <= MAX_TIGHTENINGS else []
+            coarse = plan.verification.too_coarse and refinements < REFINEMENTS
+            more = tightenings <= MAX_TIGHTENINGS
+            ways = exchange.tighten(between, bounds=not coarse) if more else []
             if ways:
                 nearly_clear = nearly_clear or plan
                 steps = step_list([step + 1 for step in ways])
                 reporter.note(f"Planning again with wider gaps, to keep clear before {steps}.")
-            elif plan.verification.too_coarse and refinements < REFINEMENTS:
+            elif coarse:
                 refinements += 1
                 mesh = finer_mesh(run.motion, mesh)
                 reporter.note(TOO_COARSE.format(mesh.elements))
@@ -109,16 +111,15 @@ def _exchanged(
     return plan, []
 
 
-def _between(plan: Plan, exchange: Exchange, stuck: Collection[str], settled: bool) -> list[Gap]:
-    """Gaps between time steps that the plan may change.
-
-    settled : whether all gaps at time steps are kept. If those between them are as well, lower
-        bounds are as the independent check sees them.
-    """
-    between = [gap for gap in plan.gaps_between if gap.step or gap.body not in stuck]
-    if settled and not exchange.too_small(between):
-        between = [gap for gap in plan.clearance.between if gap.step or gap.body not in stuck]
-    return between
+def _between(plan: Plan, exchange: Exchange, stuck: Collection[str]) -> list[Gap]:
+    """Gaps between time steps that the plan may change; lower bounds count if all are kept."""
+    hurried = plan.gaps_on_ways(hurry=True)
+    between = [gap for gap in hurried if gap.step or gap.body not in stuck]
+    if exchange.too_small(between, bounds=False):
+        return between
+    if not exchange.too_small(hurried, bounds=False):
+        vars(plan)["gaps_between"] = hurried  # in no hurry they are the same
+    return [gap for gap in plan.gaps_between if gap.step or gap.body not in stuck]
 
 
 def _with_rows(plan: Plan, run: PlanningRun, exchange: Exchange, mesh: Mesh) -> Plan:

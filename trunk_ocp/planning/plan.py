@@ -208,8 +208,13 @@ class Plan:
 
         Lower bounds are accurate for bodies that the motion asks to avoid, and rough otherwise.
         """
-        precise = self.motion.contact
-        return tuple(gaps_between_steps(self.motion, self.x, self.loads, self.shape, precise))
+        return self.gaps_on_ways(hurry=False)
+
+    def gaps_on_ways(self, hurry: bool) -> tuple[Gap, ...]:
+        """As `gaps_between`; `hurry` if lower bounds do not matter once some gap is too small."""
+        off, precise = self.verification.position_difference, self.motion.contact
+        plan = (self.motion, self.x, self.loads, self.shape)
+        return tuple(gaps_between_steps(*plan, precise, off, hurry))
 
     @cached_property
     def clearance(self) -> Clearance:
@@ -218,14 +223,10 @@ class Plan:
         Takes about half a second.
         """
         at_steps = gaps_at_steps(self.motion, self.x, self.shape)
-        off = np.append(self.verification.position_difference, 0.0)  # the last stands for the start
-
-        def surely(gap: Gap, *steps: int) -> Gap:
-            return replace(gap, bound=gap.bound - float(off[list(steps)].max()))
-
+        off = self.verification.position_difference.tolist()
         return Clearance(
-            tuple(surely(gap, gap.step) for gap in at_steps),
-            tuple(surely(gap, gap.step - 1, gap.step) for gap in self.gaps_between),
+            tuple(replace(gap, bound=gap.bound - off[gap.step]) for gap in at_steps),
+            self.gaps_between,
             self.motion.trunk.length,
             sharpest_bend(self.motion, self.shape),
         )
@@ -463,7 +464,8 @@ class PlanError(TrunkError):
         # A plan whose check was put off is in a hurry: its error says what is known already.
         unknown = plan.deferred and "verification" not in vars(plan)
         off = [] if unknown else [*plan.verification.faults, *collisions, *plan.missed]
-        blocked = obstructions(plan.motion) if plan.motion.contact and not plan.cut_short else []
+        blocks = plan.motion.contact and not plan.cut_short
+        blocked = obstructions(plan.motion).sentences if blocks else ()
         problems = [*blocked, *map(str, violated), *off, *plan.notes]
         first = f" {problems[0][0].upper()}{problems[0][1:]}." if problems else ""
         super().__init__(

@@ -121,7 +121,8 @@ def plan_motion(
     mesh = first_mesh(motion, options)
     if warning := check_size(motion, mesh, lookahead):
         reporter.note(warning)
-    for sentence in obstructions(motion):
+    blocked = obstructions(motion)
+    for sentence in blocked.sentences:
         reporter.note(f"Note: {sentence}.")
     given = start  # its iterations and seconds are counted as well
     if checkpoint is not None:
@@ -141,11 +142,12 @@ def plan_motion(
         if not motion.contact and not deferred:
             plan = _refined(plan, run)
         elif motion.contact:  # looks at the mesh once gaps are kept
-            plan = clear_of_bodies(plan, replace(run, optimizer=avoiding))
+            plan = clear_of_bodies(plan, replace(run, optimizer=avoiding), blocked)
             if run.stopped and plan.collisions:
                 plan = _stopped(plan, run)
     parts: list[Optimizer | Plan] = [*([given] if given else []), rough, optimizer, avoiding]
     earlier = (given.total_seconds if given else 0) + (checkpoint.seconds if checkpoint else 0)
+    plan = plan.with_record(notes=(*plan.notes, *blocked.sentences))
     plan = _recorded(plan, parts, time.perf_counter() - began + earlier, options, deferred)
     if throw and plan.status not in ACCEPTED:
         raise PlanError(plan)
@@ -162,7 +164,7 @@ def _recorded(
         solves=tuple(solve for part in parts for solve in part.solves),
         versions=versions(),
         options=asdict(options),
-        notes=(*plan.notes, *obstructions(plan.motion), *([] if deferred else plan.doubts)),
+        notes=(*plan.notes, *([] if deferred else plan.doubts)),
         deferred=deferred,
     )
 
@@ -259,7 +261,7 @@ def plan_from(
     run = PlanningRun(motion, mesh, mode, lookahead, options, optimizer, guess=x)
     plan = run.run()
     if motion.contact:
-        plan = clear_of_bodies(plan, run)
+        plan = clear_of_bodies(plan, run, obstructions(motion))
     return replace(
         plan,
         **{name: getattr(optimizer, name) for name in COUNTERS},
