@@ -207,6 +207,31 @@ def test_a_motion_with_an_inflection_in_the_middle_is_not_taken_for_a_straight_o
         assert below(curving, [0, 0, side]).min() >= -(side * above).min()
 
 
+PATHS = {  # of time since the middle, over the time that a turn takes
+    "a turn at constant speed": lambda t: [np.cos(t), np.sin(t)],
+    "a swerve": lambda t: [np.tanh(t), 1 / np.cosh(t)],
+    "a start and a stop": lambda t: [np.tanh(t), 0 * t],
+    "a motion that gets faster": lambda t: [np.exp(t), 0.5 * np.exp(t)],
+}
+
+
+@pytest.mark.parametrize("takes", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("path", PATHS.values(), ids=list(PATHS))
+def test_accelerations_that_turn_or_change_sign_within_a_cell_are_bounded(path, takes):
+    fine = 16  # samples of a quarter of the cell, [0, 1]
+    share = np.linspace(0, 1, fine + 1)[:, None]
+    normals = np.stack([0 * ANGLES, np.cos(ANGLES), np.sin(ANGLES)], axis=-1)[::4]
+    for middle in np.linspace(-0.5, 1.5, 21):
+        t = (np.linspace(0, 1, 4 * fine + 1) - middle) / takes
+        offsets = np.stack([0 * t, *path(t)], axis=-1)
+        curving = curving_in_time([straight(offsets[i : i + 1]) for i in range(0, t.size, fine)])
+        error = np.array([below(curving, normal).min() for normal in normals])
+        for i in range(0, t.size - 1, fine):
+            x = offsets[i : i + fine + 1] @ normals.T
+            chord = (1 - share) * x[0] + share * x[-1]
+            assert np.all(error >= (chord - x).max(axis=0) - 1e-12)
+
+
 def test_curvature_that_jumps_at_a_break_is_bounded_on_both_sides():
     bend, n = 8.0, 32  # 1/m, from the middle on; straight before
     s = np.linspace(0, 1, n + 1)

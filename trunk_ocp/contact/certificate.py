@@ -11,8 +11,8 @@ over the discs at its corners) - e away. For two parts of the trunk, l is the di
 line between them. A trunk that curls around a solid bends toward it, so its chords are closer to
 the solid than itself and e is 0; likewise inside a curl. The bounds need no bound on the curvature
 of solids. Suprema are those of second differences at and beside the corners, whose range is
-widened to `SAFETY` times its size, because the grid only samples them. If the body moves, x is
-seen from it.
+widened to `SAFETY` times its size, because the grid only samples them; more so in time, where a
+cell has few samples. If the body moves, x is seen from it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from .tube import Tube, dot
 
 SAFETY = 2.0
 """On the range of second differences of motions and shapes, smooth at the scale of a cell."""
+ASIDE = 0.25
+"""Share of an acceleration that may point anywhere, where only three are known of a cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +191,9 @@ def _beside(inner: np.ndarray, reach: int) -> np.ndarray:
 def curving_in_time(instants: Sequence[Tube]) -> Curving:
     """Second derivatives in time, on the quarters of C cells.
 
+    Three second differences tell little of the ends of a cell, where accelerations may have turned
+    or changed sign. So their range also counts in all directions, and a share of their size.
+
     instants : the shapes (C,) at 0, 1/4, 1/2, 3/4 and 1 of the time of each cell, as seen from the
         body. With five, a second difference that vanishes in the middle is noticed beside it.
     """
@@ -205,6 +210,7 @@ def curving_in_time(instants: Sequence[Tube]) -> Curving:
     )
     bend = np.diff(centers, 2, axis=0)
     low, high = bend.min(axis=0), bend.max(axis=0)
+    turning += _norm(high - low) + ASIDE * _norm(bend).max(axis=0)
     return Curving(
         np.minimum(low[:, :-1], low[:, 1:]),
         np.maximum(high[:, :-1], high[:, 1:]),
