@@ -88,6 +88,37 @@ def test_a_deadline_in_the_past_still_allows_one_iteration():
     np.testing.assert_array_equal(outcome.full, one.full)
 
 
+def test_time_that_runs_out_leaves_the_start_within_bounds(monkeypatch):
+    """Not the better one, whose way back within bounds is half done: its rods do not settle."""
+    w = window_of(shortening([-0.4, -0.4], most=0.15), weights=Weights(0.0, 0.0))
+    within = packed(w, np.zeros((2, 4)))
+    better = packed(w, np.tile([-0.3, -0.3, 0.0, 0.0], (2, 1)))
+    sqp, settled, calls = ControlSQP(w), CondensedWindow.settled, []
+
+    def first_fails(self, full, rods):
+        calls.append(full)
+        full, residual = settled(self, full, rods)
+        return full, np.inf if len(calls) == 1 else residual
+
+    def out_of_time(*starts):
+        calls.clear()
+        return sqp.solve(w, [sqp.start(full) for full in starts], 0.0, Optimizer())[0]
+
+    assert CondensedWindow(w).objective(better) < CondensedWindow(w).objective(within)
+    outcome = out_of_time(within, better)  # else, its first iteration brings it within bounds
+    assert outcome.late
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+    monkeypatch.setattr(CondensedWindow, "settled", first_fails)
+    alone = out_of_time(better)
+    assert alone.late
+    assert alone.infeasibility == pytest.approx(0.075)
+    outcome = out_of_time(within, better)
+    assert outcome.late
+    assert outcome.iterations == 1
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+    np.testing.assert_allclose(w.controls_of(outcome.full), w.controls_of(within), atol=1e-12)
+
+
 def test_a_reporter_that_stops_gets_a_plan_of_this_motion():
     """Not the start, whose rods are in equilibrium under other loads."""
     reporter = Reporter()
