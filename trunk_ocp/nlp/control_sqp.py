@@ -101,7 +101,7 @@ class ControlSQP:
             if search and records.reporter.stop:
                 message = USER_STOPPED
                 break
-            if search and not pace.allows("model", "program", "trial"):
+            if search and not self._allows_another(condensed, point, pace):
                 message, point = DEADLINE_PASSED, search.polished(point)
                 break
             try:
@@ -140,6 +140,14 @@ class ControlSQP:
         records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
+
+    def _allows_another(self, condensed: CondensedWindow, point: SQPPoint, pace: Pace) -> bool:
+        """Whether there is time for another iteration and, from within bounds, a correction.
+
+        Which brings targets closer than an iteration that is cut short.
+        """
+        correction = ("program", "trial") if self._keeps_all(condensed, point) else ()
+        return pace.allows("model", "program", "trial", *correction)
 
     def _keeps_all(self, condensed: CondensedWindow, point: SQPPoint) -> bool:
         """Whether a point is in equilibrium and within bounds."""
