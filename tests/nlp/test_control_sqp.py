@@ -14,6 +14,7 @@ from trunk_ocp.nlp.condensed_window import CondensedWindow
 from trunk_ocp.nlp.control_qp import ControlQP, _is_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.pace import Pace
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.collocation import mesh_for
@@ -117,6 +118,21 @@ def test_time_that_runs_out_leaves_the_start_within_bounds(monkeypatch):
     assert outcome.iterations == 1
     assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
     np.testing.assert_allclose(w.controls_of(outcome.full), w.controls_of(within), atol=1e-12)
+
+
+def test_time_for_no_further_iteration_goes_into_a_correction(monkeypatch):
+    """Targets are closer then than after the iteration alone, in equilibrium and within bounds."""
+    motion = first_steps("pick-fruit", 3)
+    before, _ = solved(window_of(motion), packed(window_of(motion), np.zeros((3, 30))))
+    w = window_of(motion.shifted((0.05, 0.05, 0.0)))
+    alone, _ = solved(w, before.full, max_iterations=1)
+    monkeypatch.setattr(Pace, "allows", lambda self, *parts: len(parts) <= 2)
+    outcome, _ = solved(w, before.full)
+    assert outcome.late
+    assert outcome.iterations == 1
+    evaluated = Optimizer().evaluate(w, outcome.full)
+    assert evaluated.infeasibility <= 1e-6
+    assert evaluated.objective < alone.objective
 
 
 def test_a_reporter_that_stops_gets_a_plan_of_this_motion():

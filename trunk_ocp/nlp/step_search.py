@@ -88,7 +88,7 @@ class StepSearch:
         fourth power: they may take half of what the next share gains.
         """
         excess = value - self.model.objective - expected
-        if not (math.isfinite(excess) and expected < 0):
+        if not (0 < excess < math.inf and expected < 0):
             return MOST_REDUCED[1]
         return float(np.clip(np.cbrt(-expected / (2 * excess)), *MOST_REDUCED))
 
