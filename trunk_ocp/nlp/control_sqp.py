@@ -56,6 +56,7 @@ class ControlSQP:
     def __init__(self, window: Window) -> None:
         self._condensed = CondensedWindow(window)
         self._qp = ControlQP(self._condensed)
+        self._cautious = False  # whether to start within bounds, even if another start is better
 
     def shape(self, window: Window, full: np.ndarray) -> Shape:
         """Shapes (H,) of a window's steps at a decision vector in equilibrium."""
@@ -95,6 +96,8 @@ class ControlSQP:
             ranked = sorted((_updated(condensed, start) for start in starts), key=lambda p: p[1])
             point = ranked[0][0]
             safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
+            self._cautious &= safe is not point
+            point = safe if safe and self._cautious else point
         most, search = min(MAX_ITERATIONS, records.max_iterations), None
         message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
@@ -133,7 +136,8 @@ class ControlSQP:
                 break
             point = accepted
         if message == DEADLINE_PASSED and safe and not self._keeps_all(condensed, point):
-            point = safe  # there was no time to bring a better start within bounds
+            # There was no time to bring a better start within bounds, nor will there be next time.
+            point, self._cautious = safe, True
         outcome = self._outcome(condensed, window, point, len(history), message)
         records.derivative_seconds += pace.seconds["model"]
         records.solve_seconds += time.perf_counter() - began
