@@ -118,6 +118,9 @@ def test_time_that_runs_out_leaves_the_start_within_bounds(monkeypatch):
     assert outcome.iterations == 1
     assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
     np.testing.assert_allclose(w.controls_of(outcome.full), w.controls_of(within), atol=1e-12)
+    again = out_of_time(within, better)  # the same once more would get nowhere
+    assert Optimizer().evaluate(w, again.full).infeasibility <= 1e-6
+    assert again.objective < 0.9 * outcome.objective
 
 
 def test_time_for_no_further_iteration_goes_into_a_correction(monkeypatch):

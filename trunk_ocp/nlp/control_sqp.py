@@ -90,14 +90,8 @@ class ControlSQP:
         """
         began, pace = time.perf_counter(), Pace(deadline)
         history: list[tuple[float, float, float]] = []
-        condensed, point = self._of(window), starts[0]
-        safe: SQPPoint | None = None
-        if len(starts) > 1:
-            ranked = sorted((_updated(condensed, start) for start in starts), key=lambda p: p[1])
-            point = ranked[0][0]
-            safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
-            self._cautious &= safe is not point
-            point = safe if safe and self._cautious else point
+        condensed = self._of(window)
+        point, safe = self._chosen(condensed, starts, math.isfinite(deadline))
         most, search = min(MAX_ITERATIONS, records.max_iterations), None
         message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
@@ -144,6 +138,19 @@ class ControlSQP:
         records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
+
+    def _chosen(
+        self, condensed: CondensedWindow, starts: Sequence[SQPPoint], hurried: bool
+    ) -> tuple[SQPPoint, SQPPoint | None]:
+        """The start to follow, and the best one within bounds."""
+        if len(starts) == 1:
+            self._cautious = False
+            return starts[0], None
+        ranked = sorted((_updated(condensed, start) for start in starts), key=lambda pair: pair[1])
+        best = ranked[0][0]
+        safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
+        self._cautious = self._cautious and hurried and safe is not best
+        return safe if safe and self._cautious else best, safe
 
     def _allows_another(self, condensed: CondensedWindow, point: SQPPoint, pace: Pace) -> bool:
         """Whether there is time for another iteration and, from within bounds, a correction.
