@@ -14,6 +14,7 @@ from trunk_ocp.nlp.condensed_window import CondensedWindow
 from trunk_ocp.nlp.control_qp import ControlQP, _is_convex
 from trunk_ocp.nlp.control_sqp import ControlSQP
 from trunk_ocp.nlp.ipopt import Optimizer
+from trunk_ocp.nlp.pace import Pace
 from trunk_ocp.nlp.window import Weights, Window
 from trunk_ocp.reporting import Reporter
 from trunk_ocp.rod.collocation import mesh_for
@@ -86,6 +87,55 @@ def test_a_deadline_in_the_past_still_allows_one_iteration():
     assert outcome.late
     assert outcome.iterations == one.iterations == 1
     np.testing.assert_array_equal(outcome.full, one.full)
+
+
+def test_time_that_runs_out_leaves_the_start_within_bounds(monkeypatch):
+    """Not the better one, whose way back within bounds is half done: its rods do not settle."""
+    w = window_of(shortening([-0.4, -0.4], most=0.15), weights=Weights(0.0, 0.0))
+    within = packed(w, np.zeros((2, 4)))
+    better = packed(w, np.tile([-0.3, -0.3, 0.0, 0.0], (2, 1)))
+    sqp, settled, calls = ControlSQP(w), CondensedWindow.settled, []
+
+    def first_fails(self, full, rods):
+        calls.append(full)
+        full, residual = settled(self, full, rods)
+        return full, np.inf if len(calls) == 1 else residual
+
+    def out_of_time(*starts):
+        calls.clear()
+        return sqp.solve(w, [sqp.start(full) for full in starts], 0.0, Optimizer())[0]
+
+    assert CondensedWindow(w).objective(better) < CondensedWindow(w).objective(within)
+    outcome = out_of_time(within, better)  # else, its first iteration brings it within bounds
+    assert outcome.late
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+    monkeypatch.setattr(CondensedWindow, "settled", first_fails)
+    alone = out_of_time(better)
+    assert alone.late
+    assert alone.infeasibility == pytest.approx(0.075)
+    outcome = out_of_time(within, better)
+    assert outcome.late
+    assert outcome.iterations == 1
+    assert Optimizer().evaluate(w, outcome.full).infeasibility <= 1e-6
+    np.testing.assert_allclose(w.controls_of(outcome.full), w.controls_of(within), atol=1e-12)
+    again = out_of_time(within, better)  # the same once more would get nowhere
+    assert Optimizer().evaluate(w, again.full).infeasibility <= 1e-6
+    assert again.objective < 0.9 * outcome.objective
+
+
+def test_time_for_no_further_iteration_goes_into_a_correction(monkeypatch):
+    """Targets are closer then than after the iteration alone, in equilibrium and within bounds."""
+    motion = first_steps("pick-fruit", 3)
+    before, _ = solved(window_of(motion), packed(window_of(motion), np.zeros((3, 30))))
+    w = window_of(motion.shifted((0.05, 0.05, 0.0)))
+    alone, _ = solved(w, before.full, max_iterations=1)
+    monkeypatch.setattr(Pace, "allows", lambda self, *parts: len(parts) <= 2)
+    outcome, _ = solved(w, before.full)
+    assert outcome.late
+    assert outcome.iterations == 1
+    evaluated = Optimizer().evaluate(w, outcome.full)
+    assert evaluated.infeasibility <= 1e-6
+    assert evaluated.objective < alone.objective
 
 
 def test_a_reporter_that_stops_gets_a_plan_of_this_motion():

@@ -60,4 +60,6 @@ def python_source(function: ca.Function, name: str, namespace: bool = False) -> 
             lines.append(f"    w{to[0]} = {expression}")
         else:
             raise TrunkError(f"{function.name()}: operation {operation} is not translated.")
+    if len(lines) == 1:
+        lines.append("    pass")  # all outputs are zero
     return "\n".join(lines)

@@ -56,6 +56,7 @@ class ControlSQP:
     def __init__(self, window: Window) -> None:
         self._condensed = CondensedWindow(window)
         self._qp = ControlQP(self._condensed)
+        self._cautious = False  # whether to start within bounds, even if another start is better
 
     def shape(self, window: Window, full: np.ndarray) -> Shape:
         """Shapes (H,) of a window's steps at a decision vector in equilibrium."""
@@ -89,19 +90,15 @@ class ControlSQP:
         """
         began, pace = time.perf_counter(), Pace(deadline)
         history: list[tuple[float, float, float]] = []
-        condensed, point = self._of(window), starts[0]
-        safe: SQPPoint | None = None
-        if len(starts) > 1:
-            ranked = sorted((_updated(condensed, start) for start in starts), key=lambda p: p[1])
-            point = ranked[0][0]
-            safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
+        condensed = self._of(window)
+        point, safe = self._chosen(condensed, starts, math.isfinite(deadline))
         most, search = min(MAX_ITERATIONS, records.max_iterations), None
         message = ITERATIONS_EXCEEDED if most == records.max_iterations else STUCK
         while len(history) < most:
             if search and records.reporter.stop:
                 message = USER_STOPPED
                 break
-            if search and not pace.allows("model", "program", "trial"):
+            if search and not self._allows_another(condensed, point, pace):
                 message, point = DEADLINE_PASSED, search.polished(point)
                 break
             try:
@@ -133,13 +130,35 @@ class ControlSQP:
                 break
             point = accepted
         if message == DEADLINE_PASSED and safe and not self._keeps_all(condensed, point):
-            point = safe  # there was no time to bring a better start within bounds
+            # There was no time to bring a better start within bounds, nor will there be next time.
+            point, self._cautious = safe, True
         outcome = self._outcome(condensed, window, point, len(history), message)
         records.derivative_seconds += pace.seconds["model"]
         records.solve_seconds += time.perf_counter() - began
         records.iterations += len(history)
         records.solves.append(_record(window, outcome, history))
         return outcome, point
+
+    def _chosen(
+        self, condensed: CondensedWindow, starts: Sequence[SQPPoint], hurried: bool
+    ) -> tuple[SQPPoint, SQPPoint | None]:
+        """The start to follow, and the best one within bounds."""
+        if len(starts) == 1:
+            self._cautious = False
+            return starts[0], None
+        ranked = sorted((_updated(condensed, start) for start in starts), key=lambda pair: pair[1])
+        best = ranked[0][0]
+        safe = next((start for start, _ in ranked if self._keeps_all(condensed, start)), None)
+        self._cautious = self._cautious and hurried and safe is not best
+        return safe if safe and self._cautious else best, safe
+
+    def _allows_another(self, condensed: CondensedWindow, point: SQPPoint, pace: Pace) -> bool:
+        """Whether there is time for another iteration and, from within bounds, a correction.
+
+        Which brings targets closer than an iteration that is cut short.
+        """
+        correction = ("program", "trial") if self._keeps_all(condensed, point) else ()
+        return pace.allows("model", "program", "trial", *correction)
 
     def _keeps_all(self, condensed: CondensedWindow, point: SQPPoint) -> bool:
         """Whether a point is in equilibrium and within bounds."""

@@ -15,10 +15,12 @@ from .quadratic_model import QuadraticModel
 from .window import Window
 
 MAX_TRIALS = 7
-"""Of steps, each half the last, until one lowers the objective and rods find their equilibrium."""
+"""Of shares of a step, until one lowers the objective and rods find their equilibrium."""
 MAX_CORRECTIONS = 2
 """Second-order corrections of a step."""
 SUFFICIENT_DECREASE = 1e-4
+MOST_REDUCED = 0.02, 0.5
+"""Limits of what is left of a share in the next trial."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +66,10 @@ class StepSearch:
         surely : bool
             Whether to go on after the deadline, though without corrections.
         """
+        share = 1.0
         for trial in range(MAX_TRIALS):
             if trial and not (surely or self.pace.allows("trial")):
                 break
-            share = 0.5**trial
             goal = self.model.objective + SUFFICIENT_DECREASE * share * expected
             point, value = self._moved(self.model, self.found, share)
             if point is not None and value <= goal:
@@ -76,7 +78,19 @@ class StepSearch:
                 corrected = self._corrected(point, value, goal)
                 if corrected is not None:
                     return corrected
+            share *= self._reduction(share * expected, value)
         return None
+
+    def _reduction(self, expected: float, value: float) -> float:
+        """What to multiply a share with that was expected to change the objective so, but did not.
+
+        Targets' errors beyond the model grow with the square of the share, their costs with its
+        fourth power: they may take half of what the next share gains.
+        """
+        excess = value - self.model.objective - expected
+        if not (0 < excess < math.inf and expected < 0):
+            return MOST_REDUCED[1]
+        return float(np.clip(np.cbrt(-expected / (2 * excess)), *MOST_REDUCED))
 
     def polished(self, point: SQPPoint) -> SQPPoint:
         """The accepted point or, if that is better and there is time, the corrected one."""
