@@ -15,7 +15,7 @@ import nbformat
 
 SUPPORT = Path(__file__).parent
 START = 60  # s that a server may take to start, on a busy machine
-DRIVER = "window.jupyterapp.shell.currentWidget"
+DRIVER = "window.jupyterapp?.shell?.currentWidget"
 
 
 def free_port():

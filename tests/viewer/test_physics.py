@@ -275,7 +275,10 @@ def test_a_shape_that_is_not_found_is_not_there(pairs):
         ({"activation": [0.0] * 27}, "activation: expected 28 numbers, got 27"),
         ({"head": [0.0]}, "head: expected 2 numbers, got 1"),
         ({"loads": {"tip_force": [1.0]}}, "tip_force: expected 3 numbers, got 1"),
-        ({"loads": {"contact_from": 1.75}}, "contact_from = 1.75: expected Z in m from 0 to below"),
+        (
+            {"loads": {"contact_from": 1.75}},
+            "contact_from = 1.75: expected Z in m from 0 to below 1.75",
+        ),
     ],
 )
 def test_wrong_arguments_are_refused(tab, change, told):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pages import LAPTOP, PHONE, picture, settled, until
-from plans import planned, soft_rod, thin_tipped, written
+from plans import planned, soft_rod, written
 
 from trunk_ocp.errors import InputError, StaticsError
 from trunk_ocp.model.activation import strains
@@ -33,13 +33,9 @@ LOADS = ("gravity", "tip_force", "contact_from", "contact_force", "contact_coupl
 
 
 @pytest.fixture(scope="module")
-def trunks(folder, trunk):
-    """Pages of trunks without a plan."""
-    soft = thin_tipped(taper=0.03)
-    return {
-        "elephant": write_page(trunk, folder / "elephant.html"),
-        "soft": write_page(soft, folder / "soft.html"),
-    }
+def elephant(folder, trunk):
+    """The page of the elephant's trunk without a plan."""
+    return write_page(trunk, folder / "elephant.html")
 
 
 def trying(tab):
@@ -78,17 +74,19 @@ def loads_of(state):
 
 
 def agrees(trunk, states, Z):
-    """Shapes that the page draws are those of `solve_statics`, on a mesh that is fine enough."""
-    fine = mesh_for(trunk, states[0]["loads"]["contact_from"], elements=40, degree=8)
-    shapes = solve_statics(
-        trunk,
-        np.array([state["activation"] for state in states]),
-        np.array([state["head"] for state in states]),
-        [loads_of(state) for state in states],
-        fine,
-    )
+    """Shapes that the page draws are those of `solve_statics`, solved again on a finer mesh."""
+    controls = [np.array([state[name] for state in states]) for name in ("activation", "head")]
+    loads = [loads_of(state) for state in states]
+    fine = mesh_for(trunk, loads[0].contact_from, elements=40, degree=8)
+    # One by one: of several equilibria, a batch may find others on its common mesh.
+    each = [
+        solve_statics(trunk, activation, head, load)
+        for activation, head, load in zip(*controls, loads, strict=True)
+    ]
+    shapes = solve_statics(trunk, *controls, loads, near=Shape.stack(each, fine))
     drawn = np.array([state["position"] for state in states]).reshape(len(states), -1, 3)
-    np.testing.assert_allclose(drawn, shapes.position(Z), rtol=0, atol=1e-9)
+    off = np.abs(drawn - shapes.position(Z)).max(axis=(1, 2))
+    assert off.max() <= 1e-9, np.flatnonzero(off > 1e-9)
 
 
 def refused(trunk, state):
@@ -102,14 +100,14 @@ def refused(trunk, state):
 SMALL_WINDOW = {"width": 500, "height": 400}  # because every setting is drawn, in software
 
 
-@pytest.mark.parametrize("name", ["asymmetric", "soft"])
-def test_random_settings_are_drawn_as_solve_statics_has_them(visit, trunks, folder, name):
-    if name == "soft":
-        tab, trunk = visit(trunks["soft"], SMALL_WINDOW), thin_tipped(taper=0.03)
+@pytest.mark.parametrize("name", ["asymmetric", "elephant"])
+def test_random_settings_are_drawn_as_solve_statics_has_them(visit, elephant, trunk, folder, name):
+    if name == "elephant":
+        tab = visit(elephant, SMALL_WINDOW)
     else:
         plan = planned("lift-log-asymmetric", "sequential")
         path = write_page([plan], folder / "asymmetric.html")
-        tab, trunk = visit(path, SMALL_WINDOW), plan.motion.trunk
+        tab = visit(path, SMALL_WINDOW)
         tab.evaluate("trunkPage.seek(2.1)")
     trying(tab)
     separate(tab)
@@ -126,7 +124,8 @@ def test_random_settings_are_drawn_as_solve_statics_has_them(visit, trunks, fold
     refusals = [state for state in states if state["stale"]]
     print(name, len(found), "found", len(refusals), "refused")
     assert len(found) > 10
-    assert refusals
+    if name == "asymmetric":  # where sliders reach far enough
+        assert refusals
     agrees(trunk, found, Z)
     assert all(refused(trunk, state) for state in refusals)
 
@@ -177,8 +176,8 @@ def test_it_starts_from_the_instant_returns_to_it_and_plays_on(visit, pages):
     assert picture(tab) == before
 
 
-def test_one_slider_moves_both_sides_if_they_are_linked(visit, trunks):
-    tab = visit(trunks["elephant"])
+def test_one_slider_moves_both_sides_if_they_are_linked(visit, elephant):
+    tab = visit(elephant)
     trying(tab)
     names = tab.evaluate("trunkPage.plans[0].trunk.muscles.map(({ name }) => name)")
     state = slide(tab, "activation of R2-dl and L2-dl", -0.4)
@@ -188,8 +187,8 @@ def test_one_slider_moves_both_sides_if_they_are_linked(visit, trunks):
     assert slide(tab, "activation of L2-dl", 0)["position"][-2] > 0.05  # to the right
 
 
-def test_the_surface_is_that_of_the_tried_shape(visit, trunks, trunk):
-    tab = visit(trunks["elephant"])
+def test_the_surface_is_that_of_the_tried_shape(visit, elephant, trunk):
+    tab = visit(elephant)
     trying(tab)
     slide(tab, "activation of R1-dl and L1-dl", -0.5)
     state = slide(tab, "mass at the tip in kg", 8)
@@ -273,8 +272,8 @@ def type_tip(tab, x):
     settled(tab)
 
 
-def test_the_trunk_follows_a_pull_within_bounds_and_limits(visit, trunks, trunk):
-    tab = visit(trunks["elephant"])
+def test_the_trunk_follows_a_pull_within_bounds_and_limits(visit, elephant, trunk):
+    tab = visit(elephant)
     trying(tab)
     pull(tab, 1.6, (60, -60))
     state, pulled = tried(tab), tab.evaluate("trunkPage.trial.pull")
@@ -298,15 +297,15 @@ def test_the_trunk_follows_a_pull_within_bounds_and_limits(visit, trunks, trunk)
     assert extension.max() <= 1.35 + 1e-9
 
 
-def test_the_tip_goes_to_a_typed_position(visit, trunks):
-    tab = visit(trunks["elephant"])
+def test_the_tip_goes_to_a_typed_position(visit, elephant):
+    tab = visit(elephant)
     trying(tab)
     type_tip(tab, "0.8")
     assert tried(tab)["position"][-3] == pytest.approx(0.8, abs=2e-4)
 
 
-def test_extension_beyond_the_limits_is_said(visit, trunks):
-    tab = visit(trunks["elephant"])
+def test_extension_beyond_the_limits_is_said(visit, elephant):
+    tab = visit(elephant)
     trying(tab)
     slide(tab, "activation of R1-dl and L1-dl", -1)
     state = slide(tab, "activation of R1-ovo and L1-ovo", -1)
@@ -333,8 +332,8 @@ def test_of_two_plans_one_is_tried_beside_the_other(visit, pages):
     assert tab.evaluate(tips)[1] == pytest.approx(first[1], abs=2e-3)  # between samples
 
 
-def test_controls_go_out_and_come_in(visit, trunks):
-    tab = visit(trunks["elephant"])
+def test_controls_go_out_and_come_in(visit, elephant):
+    tab = visit(elephant)
     trying(tab)
     tab.evaluate(
         "() => { window.told = []; trunkPage.bridge.on('controls', (now) => told.push(now)); }"

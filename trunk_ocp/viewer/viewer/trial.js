@@ -56,8 +56,8 @@ export class Trial {
   }
 
   /**
-   * The equilibrium at the present controls, as `solve_statics` finds it: from the unloaded shape,
-   * so that the same settings always have the same shape.
+   * The equilibrium at the present controls, searched from the unloaded shape, so that the same
+   * settings always have the same shape.
    */
   solve() {
     const { activation, head, loads } = this;
