@@ -455,10 +455,10 @@ READS_OBJECTS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal", "ya
 
 def test_the_package_has_no_way_to_run_what_it_reads():
     """Exceptions: `shooting_kernels` and `term_derivatives` run source that they wrote themselves,
-    from the package's own symbols; numba compiles source only, and loads what it compiled from a folder that is the
-    user's alone (`_support.compiled`). `run_checks` starts compilers and Octave, on exports just
-    written, when a check is requested, and `webassembly` its compiler, on the package's own source;
-    `film` only knows the error of matplotlib's writer.
+    from the package's own symbols; numba compiles source only, and loads what it compiled from a
+    folder that is the user's alone (`_support.compiled`). `run_checks` starts compilers and Octave,
+    on exports just written, when a check is requested, and `webassembly` its compiler, on the
+    package's own source; `film` only knows the error of matplotlib's writer.
     """
     found = set()
     for path in PACKAGE.rglob("*.py"):

@@ -113,9 +113,10 @@ def test_the_same_plan_gives_the_same_bytes(tmp_path):
         assert one.read_bytes() == other.read_bytes()
 
 
-def test_settings_of_matplotlib_are_left_alone(tmp_path):
+def test_settings_of_matplotlib_are_left_alone(tmp_path, monkeypatch):
     import matplotlib
 
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)  # of an earlier test
     before = {key: matplotlib.rcParams[key] for key in style.LOOK}
     errors.draw_errors(planned("lift-log", "horizon"), tmp_path, ("png",))
     assert {key: matplotlib.rcParams[key] for key in style.LOOK} == before
