@@ -303,6 +303,21 @@ def test_the_tip_goes_to_a_typed_position(visit, trunks):
     trying(tab)
     type_tip(tab, "0.8")
     assert tried(tab)["position"][-3] == pytest.approx(0.8, abs=2e-4)
+    field = tab.get_by_label("X of the tip, forward, in m")
+    field.fill("")
+    field.press("Enter")
+    assert field.input_value() == "0.800"
+
+
+def test_a_pull_toward_a_point_far_away_goes_as_far_as_one_toward_a_near_point(visit, trunks):
+    tab = visit(trunks["elephant"])
+    trying(tab)
+    reached = []
+    for x in ("5", "1e6"):
+        tab.get_by_role("button", name="Reset", exact=True).click()
+        type_tip(tab, x)
+        reached.append(tried(tab)["position"][-3])
+    assert reached[1] > reached[0] - 0.05
 
 
 def test_extension_beyond_the_limits_is_said(visit, trunks):

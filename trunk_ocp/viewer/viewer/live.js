@@ -63,7 +63,7 @@ class LivePage {
     if (plan) this.change(plan);
     if (status) this.say(status);
     if (plan || (status && status.state !== "busy")) this.show(status?.state === "open");
-    if (fault !== undefined) setText(byId("live-fault"), fault);
+    if (fault !== undefined) setText(byId("live-fault"), fault.replace(/^(message|live):\s*/, ""));
     if (plan && answers === this.planner.sent) this.measure();
   }
 
