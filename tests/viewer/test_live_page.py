@@ -97,6 +97,7 @@ def test_bounds_are_changed_refused_and_undone(live):
     tab.locator("#live-upper").blur()
     until(tab, "document.getElementById('live-fault').textContent")
     assert "the lower bound is above the upper" in tab.locator("#live-fault").inner_text()
+    assert "live:" not in tab.locator("#live-fault").inner_text()
     tab.get_by_role("button", name="Undo all").click()
     until(tab, f"!document.getElementById('live-fault').textContent && {STATUS} === 'good'")
     assert session.plan.motion.spec == motion.spec

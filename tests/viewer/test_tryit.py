@@ -160,6 +160,7 @@ def test_it_starts_from_the_instant_returns_to_it_and_plays_on(visit, pages):
     drawn = np.reshape(first["position"], (-1, 3))
     np.testing.assert_allclose(drawn, sample.shape.position(Z), atol=1e-5)
     assert "equilibrium" in message(tab)
+    assert "solved" not in tab.locator("#labels").inner_text()  # said of the plan only
     moved = slide(tab, "activation of R1-dl", -1.5)
     assert moved["activation"][0] == -1.5
     assert np.abs(np.subtract(moved["position"], first["position"])).max() > 0.05
@@ -174,6 +175,7 @@ def test_it_starts_from_the_instant_returns_to_it_and_plays_on(visit, pages):
     )  # so that all is laid out again
     tab.set_viewport_size(LAPTOP)
     assert not tab.locator("#try-panel").is_visible()
+    assert "solved and verified" in tab.locator("#labels").inner_text()
     assert picture(tab) == before
 
 

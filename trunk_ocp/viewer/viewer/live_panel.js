@@ -4,9 +4,10 @@ import { byId } from "./elements.js";
 
 const PANEL = `
   <legend>Plan again</legend>
-  <p>Drag a target, or the log.</p>
+  <p id="live-hint"></p>
   <p id="live-fault" role="alert"></p>
   <label>muscles <select id="live-muscles"><option value="*">all</option></select></label>
+  <p>Bounds of their activation:</p>
   <label>from <input id="live-lower" type="number" step="0.1"></label>
   <label>to <input id="live-upper" type="number" step="0.1"></label>
   <label>change per s <input id="live-rate" type="number" step="0.1" min="0" placeholder="any"></label>
@@ -20,6 +21,8 @@ export function buildLivePanel(plan, send) {
   panel.id = "live";
   panel.innerHTML = PANEL;
   document.querySelector("aside").prepend(panel);
+  const logs = plan.handles.some(({ name }) => name.endsWith(":log"));
+  byId("live-hint").textContent = `Drag a target${logs ? ", or the log" : ""}.`;
   addChoices(plan.trunk);
   showBounds(plan);
   byId("live-muscles").addEventListener("change", () => showBounds(plan));
