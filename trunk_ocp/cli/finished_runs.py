@@ -36,6 +36,7 @@ from .progress import progress_bar
 from .safe_streams import standard_output
 from .tables import finding_lines, history_table, slowing_table
 
+ENERGY_TOL = 0.05  # of the work, that a simulation may lose without a warning
 RESPONSES = "If a bound were relaxed by 1 % (or as stated, if it is 0) and the motion replanned:"
 
 
@@ -109,6 +110,10 @@ def simulate_command(run: str, time_step: float, damping_time: float) -> None:
             f"tip ends {1e3 * found['tip_distance_at_end']:.3g} mm from it",
         )
         print_plain(console, f"  energy balances to {share:.1g} of the work; results in {folder}/")
+        if share > ENERGY_TOL:
+            finer = f"Shorter ones tell how much that matters: --time-step {time_step / 2:.3g}."
+            warning = f"steps of {1e3 * time_step:g} ms lose fast vibrations. {finer}"
+            console.print(f"[yellow]warning[/]: {warning}", soft_wrap=True)
 
 
 def _simulated(
