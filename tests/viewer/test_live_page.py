@@ -86,6 +86,7 @@ def test_a_target_that_is_dragged_moves_the_trunk(live):
 def test_bounds_are_changed_refused_and_undone(live):
     tab, session, _ = live
     motion = session.plan.motion
+    assert tab.locator("#live-hint").inner_text() == "Drag a target."  # no log here
     tab.locator("#live-muscles").select_option("*-dl")
     tab.locator("#live-lower").fill("-0.2")
     tab.locator("#live-lower").blur()

@@ -1,6 +1,6 @@
 // What `trunk-ocp live` adds to the page: how the plan is doing, and bounds to change.
 
-import { byId } from "./elements.js";
+import { byId, setText } from "./elements.js";
 
 const PANEL = `
   <legend>Plan again</legend>
@@ -21,8 +21,6 @@ export function buildLivePanel(plan, send) {
   panel.id = "live";
   panel.innerHTML = PANEL;
   document.querySelector("aside").prepend(panel);
-  const logs = plan.handles.some(({ name }) => name.endsWith(":log"));
-  byId("live-hint").textContent = `Drag a target${logs ? ", or the log" : ""}.`;
   addChoices(plan.trunk);
   showBounds(plan);
   byId("live-muscles").addEventListener("change", () => showBounds(plan));
@@ -41,6 +39,12 @@ export function buildLivePanel(plan, send) {
     showBounds(plan);
     send({ reset: true });
   });
+}
+
+/** Say what can be dragged: handles of live_payload.py, which come once the planner answers. */
+export function writeHint(handles) {
+  const logs = handles.some(({ name }) => name.endsWith(":log"));
+  setText(byId("live-hint"), `Drag a target${logs ? ", or the log" : ""}.`);
 }
 
 function chosen() {
