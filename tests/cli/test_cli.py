@@ -390,6 +390,27 @@ def test_what_is_not_a_finished_run_is_said_so(tmp_path, verb, monkeypatch):
         assert result.exit_code == 2
         assert "no finished run" in result.stderr
         assert "solve-motion" in result.stderr
+    for name, hint in (
+        ("asian-elefant", "Did you mean asian-elephant?"),
+        ("a.toml", "no such file"),
+    ):
+        result = CliRunner().invoke(commands.main, [verb, name])
+        assert result.exit_code == 2
+        assert hint in result.stderr
+
+
+def test_a_slower_problem_elsewhere_finds_the_anatomy_and_long_names_leave_room(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    problem = POINT.replace('name = "reach"', f'name = "{"long " * 30}"')
+    assert run(written(tmp_path, problem), "--out", tmp_path / "out").exit_code == 0
+    command = ["slow", str(tmp_path / "out"), "--out", "elsewhere/slower.toml"]
+    result = CliRunner().invoke(commands.main, command)
+    assert result.exit_code == 0, result.output
+    table = result.stdout.splitlines()
+    assert [line.count("\u2026") for line in table if "long" in line] == [1]  # of the name alone
+    load_motion("elsewhere/slower.toml")
 
 
 def test_slow_says_how_long_phases_have_to_be_and_writes_the_problem(tmp_path):

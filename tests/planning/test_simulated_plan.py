@@ -51,6 +51,12 @@ def test_the_command_writes_data_a_summary_and_a_figure(plan, tmp_path):
         balance = balance - data["loads"] - data["muscles"] - data["head"]
         np.testing.assert_allclose(balance, data["imbalance"], atol=1e-9)
     assert list((folder / "figures").glob("simulation.*"))
+    assert "warning" not in result.stdout
+    coarse = [*command[:2], "--time-step", "0.5", "--damping-time", "0"]
+    result = CliRunner().invoke(commands.main, coarse)
+    report = json.loads((folder / "simulation.json").read_text())
+    assert report["energy_imbalance"] > 0.05 * report["work"]
+    assert "--time-step 0.25" in result.stdout
 
 
 def test_numbers_out_of_range(plan):

@@ -50,7 +50,7 @@ def arm_spec(length, segments, muscles, head=None):
     return spec.model_copy(update={"segments": parts})  # unchecked: more than a file may have
 
 
-def plan_of(anatomy, phases, title, head_deg=0.0):
+def plan_of(anatomy, phases, title, head_deg=0.0, strongest=-2.0):
     """A plan of phases, each a target of the tip, step by step."""
     head = (-head_deg, head_deg)
     problem = {
@@ -58,7 +58,7 @@ def plan_of(anatomy, phases, title, head_deg=0.0):
         "title": title,
         "anatomy": "arm",
         "bounds": {
-            "activation": (-2.0, 0.0),
+            "activation": (strongest, 0.0),
             "extension": (0.6, 1.3),
             "head_z_deg": head,
             "head_y_deg": head,
@@ -93,7 +93,8 @@ def extreme(case):
     if case == "one phase":
         wanted = {"d3": (0.5, 0.3, 0.8)}
         phases = [phase("point at it", 1.0, 1.0, **wanted)]
-        return plan_of(arm_spec(1.0, 3, muscles, None), phases, "Directions only", 20.0)
+        arm = arm_spec(1.0, 3, muscles, None)
+        return plan_of(arm, phases, "Directions only", 20.0, strongest=-1.0)  # ticks of 0.25
     if case == "no head":
         return plan_of(arm_spec(1.0, 1, (UPPER, LOWER)), circle(3, 1.0), "No head")
     return plan_of(arm_spec(2.0, 99, muscles), circle(2, 2.0), "99 segments")

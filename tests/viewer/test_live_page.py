@@ -86,6 +86,7 @@ def test_a_target_that_is_dragged_moves_the_trunk(live):
 def test_bounds_are_changed_refused_and_undone(live):
     tab, session, _ = live
     motion = session.plan.motion
+    assert tab.locator("#live-hint").inner_text() == "Drag a target."  # no log here
     tab.locator("#live-muscles").select_option("*-dl")
     tab.locator("#live-lower").fill("-0.2")
     tab.locator("#live-lower").blur()
@@ -97,6 +98,7 @@ def test_bounds_are_changed_refused_and_undone(live):
     tab.locator("#live-upper").blur()
     until(tab, "document.getElementById('live-fault').textContent")
     assert "the lower bound is above the upper" in tab.locator("#live-fault").inner_text()
+    assert "live:" not in tab.locator("#live-fault").inner_text()
     tab.get_by_role("button", name="Undo all").click()
     until(tab, f"!document.getElementById('live-fault').textContent && {STATUS} === 'good'")
     assert session.plan.motion.spec == motion.spec

@@ -159,6 +159,7 @@ def test_it_starts_from_the_instant_returns_to_it_and_plays_on(visit, pages):
     drawn = np.reshape(first["position"], (-1, 3))
     np.testing.assert_allclose(drawn, sample.shape.position(Z), atol=1e-5)
     assert "equilibrium" in message(tab)
+    assert "solved" not in tab.locator("#labels").inner_text()  # said of the plan only
     moved = slide(tab, "activation of R1-dl", -1.5)
     assert moved["activation"][0] == -1.5
     assert np.abs(np.subtract(moved["position"], first["position"])).max() > 0.05
@@ -173,6 +174,7 @@ def test_it_starts_from_the_instant_returns_to_it_and_plays_on(visit, pages):
     )  # so that all is laid out again
     tab.set_viewport_size(LAPTOP)
     assert not tab.locator("#try-panel").is_visible()
+    assert "solved and verified" in tab.locator("#labels").inner_text()
     assert picture(tab) == before
 
 
@@ -302,6 +304,21 @@ def test_the_tip_goes_to_a_typed_position(visit, elephant):
     trying(tab)
     type_tip(tab, "0.8")
     assert tried(tab)["position"][-3] == pytest.approx(0.8, abs=2e-4)
+    field = tab.get_by_label("X of the tip, forward, in m")
+    field.fill("")
+    field.press("Enter")
+    assert field.input_value() == "0.800"
+
+
+def test_a_pull_toward_a_point_far_away_goes_as_far_as_one_toward_a_near_point(visit, trunks):
+    tab = visit(trunks["elephant"])
+    trying(tab)
+    reached = []
+    for x in ("5", "1e6"):
+        tab.get_by_role("button", name="Reset", exact=True).click()
+        type_tip(tab, x)
+        reached.append(tried(tab)["position"][-3])
+    assert reached[1] > reached[0] - 0.05
 
 
 def test_extension_beyond_the_limits_is_said(visit, elephant):

@@ -8,13 +8,15 @@ from pathlib import Path
 from rich.console import Console
 
 from .._support.toml_files import is_file, printable, read_toml
+from .._support.wording import suggestion
 from ..errors import InputError
+from ..model.anatomy import anatomies_folder
 from ..planning.checkpoint import FILE
 from ..planning.plan import Plan
 from ..planning.results_folder import is_of
 from ..planning.status import Status
 from ..planning.storage import SOLUTION, load_plan
-from ..problem.build import load_motion
+from ..problem.build import load_motion, problems_folder
 from ..problem.motion import Motion
 from ..problem.problem_file import ProblemSpec
 
@@ -51,11 +53,23 @@ def load_run(run: str) -> tuple[Path, dict[Path, Plan]]:
             "with --resume."
         )
     if not solutions:
-        raise InputError(
-            f"{run}: no finished run in {folder}/. Plan it first, solve-motion {run}, or give the "
-            "folder that has its results."
-        )
+        raise InputError(_no_run(run, folder))
     return folder, {path.parent: load_plan(path.parent, throw=False) for path in solutions}
+
+
+def _no_run(run: str, folder: Path) -> str:
+    """The sentence for a run that is not there: what it could be instead, or how to plan it."""
+    known = {
+        path.stem
+        for path in (*problems_folder().glob("*.toml"), *anatomies_folder().glob("*.toml"))
+    }
+    if run.endswith(".toml") and not is_file(Path(run)):
+        return f"{run}: no such file, and no finished run in {folder}/.{suggestion(run, known)}"
+    hint = "" if run in known else suggestion(run, known)
+    return (
+        f"{run}: no finished run in {folder}/. Plan it first, solve-motion {run}, or give the "
+        f"folder that has its results.{hint}"
+    )
 
 
 def _run_folder(run: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import webbrowser
 from collections.abc import Callable
@@ -21,10 +22,11 @@ from ..dynamics.slowing import ACCEPTED, phases_with_inertia
 from ..errors import InputError
 from ..model.anatomy import Trunk, anatomies_folder, load_anatomy
 from ..planning.plan import Plan
-from ..planning.results_folder import hashes
+from ..planning.results_folder import hashes, problem_file_of
 from ..planning.simulated_plan import SimulatedPlan, simulate
 from ..planning.status import Status
 from ..planning.storage import SOLUTION, finite
+from ..problem.problem_file import ProblemSpec
 from ..problem.problem_text import problem_text
 from ..problem.variants import slowed_spec
 from .commands import resume_command
@@ -34,6 +36,7 @@ from .progress import progress_bar
 from .safe_streams import standard_output
 from .tables import finding_lines, history_table, slowing_table
 
+ENERGY_TOL = 0.05  # of the work, that a simulation may lose without a warning
 RESPONSES = "If a bound were relaxed by 1 % (or as stated, if it is 0) and the motion replanned:"
 
 
@@ -107,6 +110,10 @@ def simulate_command(run: str, time_step: float, damping_time: float) -> None:
             f"tip ends {1e3 * found['tip_distance_at_end']:.3g} mm from it",
         )
         print_plain(console, f"  energy balances to {share:.1g} of the work; results in {folder}/")
+        if share > ENERGY_TOL:
+            finer = f"Shorter ones tell how much that matters: --time-step {time_step / 2:.3g}."
+            warning = f"steps of {1e3 * time_step:g} ms lose fast vibrations. {finer}"
+            console.print(f"[yellow]warning[/]: {warning}", soft_wrap=True)
 
 
 def _simulated(
@@ -141,7 +148,7 @@ def slow_command(run: str, ratio: float, out: Path | None) -> None:
     for them to be small. It assumes the same shapes; plan the slower problem to have them. Takes
     less than a second.
     """
-    _, plans = load_run(run)
+    folder, plans = load_run(run)
     plan = next((p for p in plans.values() if p.mode == "horizon"), next(iter(plans.values())))
     phases = phases_with_inertia(plan.motion, plan.inertia, ratio)
     output = standard_output()
@@ -149,11 +156,20 @@ def slow_command(run: str, ratio: float, out: Path | None) -> None:
     output.check()
     if out is not None:
         factors = {each.phase: each.factor for each in phases}
-        text = problem_text(slowed_spec(plan.motion.spec, factors))
+        text = problem_text(_moved(slowed_spec(plan.motion.spec, factors), folder, out))
         if out.exists():
             raise InputError(f"{out}: exists already; expected the name of a new file.")
         write(out, text)
         click.echo(printable(f"Plan it: solve-motion {out}"))
+
+
+def _moved(spec: ProblemSpec, folder: Path, out: Path) -> ProblemSpec:
+    """The problem of a run for the file `out`: its anatomy file as seen from the folder of that."""
+    source = problem_file_of(folder)
+    if source is None or not is_file(source.parent / spec.anatomy):
+        return spec
+    anatomy = os.path.relpath((source.parent / spec.anatomy).resolve(), out.parent.resolve())
+    return spec.model_copy(update={"anatomy": Path(anatomy).as_posix()})
 
 
 @click.command("view")

@@ -125,6 +125,7 @@ def slowing_table(plan: Plan, phases: Sequence[PhaseInertia], ratio: float) -> T
         f"{whole:.4g} s.",
         dense=True,
     )  # fmt: skip
+    table.columns[0].max_width = MAX_PHASE_WIDTH
     for each in phases:
         phase = spec.phases[each.phase]
         table.add_row(

@@ -61,14 +61,14 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
     if names:
         grid = figure.add_gridspec(
             len(names), len(style.SIDES) if mapped else motion.trunk.segments, hspace=0.18,
-            wspace=0.12, left=0.085, right=0.9 if mapped else 0.985, top=1 - above / height,
+            wspace=0.12, left=0.1, right=0.9 if mapped else 0.985, top=1 - above / height,
             bottom=(below + heads + between) / height,
         )  # fmt: skip
         panels = grid.subplots(squeeze=False, sharex=True, sharey=True)
         (map_panels if mapped else muscle_panels)(panels, plan, names, times, values)
     if heads:
         grid = figure.add_gridspec(
-            1, 2, wspace=0.22, left=0.085, right=0.985, top=(below + heads) / height,
+            1, 2, wspace=0.22, left=0.1, right=0.985, top=(below + heads) / height,
             bottom=below / height,
         )  # fmt: skip
         angles = np.degrees(values[:, -2:]).T
@@ -77,7 +77,9 @@ def activations_figure(plan: Plan, names: Sequence[str] | None = None) -> Figure
             if not names:
                 style.number_phases(panel, motion, end_of(plan))
     shaded = bool(heads) or not mapped or style.numbered(motion)
-    style.legend_below_title(figure, () if mapped else _legend(), motion=motion if shaded else None)
+    style.legend_below_title(
+        figure, () if mapped else _legend(bool(heads)), motion=motion if shaded else None
+    )
     return figure
 
 
@@ -231,13 +233,13 @@ def line_keys() -> list[Line2D]:
     ]
 
 
-def _legend() -> list[Artist]:
+def _legend(heads: bool) -> list[Artist]:
     ink = style.INK
+    bound = "at the bound of contraction" + (" or of the head" if heads else "")
     return [
         *line_keys(),
         Line2D([], [], color=ink, marker=".", linestyle="", markersize=3, label="time step"),
-        Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8,
-               label="at the bound of contraction"),
+        Line2D([], [], color=ink, marker="s", linestyle="", markersize=3.8, label=bound),
         Line2D([], [], color="white", marker="s", linestyle="", markersize=2.2,
                markeredgecolor=ink, markeredgewidth=0.6, label="at the other bound"),
     ]  # fmt: skip

@@ -86,6 +86,12 @@ def is_of(folder: Path, problem: str) -> bool:
     return not record or record.get("file") == _source(problem, folder)
 
 
+def problem_file_of(folder: Path) -> Path | None:
+    """The user's problem file that a folder's results are from; None if there is none."""
+    path = Path(os.path.normpath(folder / str(_table(folder / SOURCE).get("file"))))
+    return path if is_file(path) else None
+
+
 def _source(problem: str, folder: Path) -> str:
     """A shipped name, or the path of a problem file as seen from a folder."""
     path = shipped(problem, problems_folder())

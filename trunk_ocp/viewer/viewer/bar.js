@@ -44,8 +44,10 @@ function planLabel(plan) {
   if (!plan.still) {
     const cost = plan.objective === null ? "" : `, J = ${short(plan.objective)}`;
     label.appendChild(document.createElement("strong")).textContent = plan.label;
-    label.append(`${cost}; `);
-    const status = label.appendChild(document.createElement("span"));
+    const words = label.appendChild(document.createElement("span"));
+    words.className = "plan-only"; // as what is tried has neither
+    words.append(`${cost}; `);
+    const status = words.appendChild(document.createElement("span"));
     status.className = plan.solved ? "" : "unsolved";
     status.textContent = plan.solved ? plan.status : `NOT SOLVED: ${plan.status}`;
   }
@@ -60,6 +62,7 @@ export function placeLabels(plans, stage, time) {
     const { x, y, width } = stage.views[i];
     label.style.transform = `translate(${x}px, ${y}px)`;
     label.style.maxWidth = `${width}px`;
+    label.dataset.tried = Boolean(stage.scenes[i].tried);
     const angles = stage.scenes[i].tried?.head ?? mixedRow(plan.head, 2, instantAt(plan, time));
     const [psiZ, psiY] = angles.map((angle) => (angle * 180) / Math.PI);
     setText(label.lastChild, `head: \u03c8Z ${degrees(psiZ)}, \u03c8Y ${degrees(psiY)}`);

@@ -4,7 +4,7 @@
 import { bridge } from "./bridge.js";
 import { byId, setText } from "./elements.js";
 import { readPayload } from "./data.js";
-import { buildLivePanel } from "./live_panel.js";
+import { buildLivePanel, writeHint } from "./live_panel.js";
 import { TargetDrag } from "./targets_drag.js";
 
 const MOST_DELAYS = 10000; // that are kept
@@ -63,7 +63,7 @@ class LivePage {
     if (plan) this.change(plan);
     if (status) this.say(status);
     if (plan || (status && status.state !== "busy")) this.show(status?.state === "open");
-    if (fault !== undefined) setText(byId("live-fault"), fault);
+    if (fault !== undefined) setText(byId("live-fault"), fault.replace(/^(message|live):\s*/, ""));
     if (plan && answers === this.planner.sent) this.measure();
   }
 
@@ -77,6 +77,7 @@ class LivePage {
     const { solids: before } = this.page.plans[0]; // decoded
     const solids = before.map((solid, i) => ({ ...solid, shown: shown?.[i] ?? solid.shown }));
     this.plan = { ...this.plan, ...changes, solids };
+    if (changes.handles) writeHint(changes.handles);
   }
 
   say({ text, state, objective = null }) {

@@ -1,12 +1,13 @@
 // What `trunk-ocp live` adds to the page: how the plan is doing, and bounds to change.
 
-import { byId } from "./elements.js";
+import { byId, setText } from "./elements.js";
 
 const PANEL = `
   <legend>Plan again</legend>
-  <p>Drag a target, or the log.</p>
+  <p id="live-hint"></p>
   <p id="live-fault" role="alert"></p>
   <label>muscles <select id="live-muscles"><option value="*">all</option></select></label>
+  <p>Bounds of their activation:</p>
   <label>from <input id="live-lower" type="number" step="0.1"></label>
   <label>to <input id="live-upper" type="number" step="0.1"></label>
   <label>change per s <input id="live-rate" type="number" step="0.1" min="0" placeholder="any"></label>
@@ -38,6 +39,12 @@ export function buildLivePanel(plan, send) {
     showBounds(plan);
     send({ reset: true });
   });
+}
+
+/** Say what can be dragged: handles of live_payload.py, which come once the planner answers. */
+export function writeHint(handles) {
+  const logs = handles.some(({ name }) => name.endsWith(":log"));
+  setText(byId("live-hint"), `Drag a target${logs ? ", or the log" : ""}.`);
 }
 
 function chosen() {

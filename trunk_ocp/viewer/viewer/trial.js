@@ -6,7 +6,7 @@ import { makeSections, writeSections, writeSolution } from "./geometry.js";
 
 const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
-const WORTHWHILE = 0.99; // ratio of a pull's errors from one frame to the next
+const WORTHWHILE = 0.01; // of the error or, if it is larger, the length: progress from one frame to the next
 
 const WEIGHTLESS = "Shown without gravity, because the passive trunk does not hold its own weight.";
 
@@ -75,7 +75,8 @@ export class Trial {
     this.take(found);
     if (this.stale) return;
     [this.activation, this.head] = [[...found.activation], [...found.head]];
-    const settled = found.reached || found.error > WORTHWHILE * before;
+    const least = WORTHWHILE * Math.min(before, this.plan.trunk.tables.length);
+    const settled = found.reached || before - found.error < least;
     this.pull = { Z, target, reached: found.reached, error: found.error, settled };
   }
 

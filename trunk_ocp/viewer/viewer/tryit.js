@@ -145,15 +145,16 @@ export class TryIt {
   /** Pull the tip to the position that was typed, until it is there or can get no nearer. */
   pullTip() {
     const position = [...byId("try-tip").querySelectorAll("input")].map((input) => input.valueAsNumber);
-    if (!position.every(Number.isFinite)) return this.writeTip();
+    if (!position.every(Number.isFinite)) return this.writeTip(true);
     this.pulled = { Z: this.trial.plan.trunk.tables.Z.at(-1), position };
     this.wake();
   }
 
-  writeTip() {
+  /** The tip's position, in fields that are not being typed in, or in all. */
+  writeTip(all = false) {
     const tip = this.positionOf(this.trial.sections.n - 1);
     byId("try-tip").querySelectorAll("input").forEach((input, i) => {
-      if (document.activeElement !== input) input.value = tip[i].toFixed(3).replace(/^-(0\.0*)$/, "$1");
+      if (all || document.activeElement !== input) input.value = tip[i].toFixed(3).replace(/^-(0\.0*)$/, "$1");
     });
   }
 }
