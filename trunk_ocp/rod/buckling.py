@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -317,8 +318,12 @@ class _ElementChain:
         return count
 
 
+@lru_cache(maxsize=16)
 def integral_matrix(mesh: Mesh) -> np.ndarray:
-    """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each."""
+    """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each.
+
+    Kept, because plans ask for it again and again; read-only.
+    """
     element, E = gauss(mesh.degree), mesh.elements
     before, within = np.tri(E, k=-1), np.eye(E)
     parts = (
@@ -326,7 +331,9 @@ def integral_matrix(mesh: Mesh) -> np.ndarray:
         + within[:, None, :, None] * element.integral(element.nodes)[:, None]
     )
     n = E * mesh.degree
-    return (parts * mesh.widths[:, None]).reshape(n, n)
+    matrix: np.ndarray = (parts * mesh.widths[:, None]).reshape(n, n)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
