@@ -145,18 +145,15 @@ def _rods(
     """Rods on the way to time steps (B,), at times (3, B): three batches of B."""
     controls = interpolate_all(motion, np.vstack([motion.start, x]), times.ravel())
     controls = controls.reshape(*times.shape, -1)
-    each: dict[tuple[int, int], Loads] = {}
-    for t in np.unique(step).tolist():
-        places = np.argwhere(np.broadcast_to(step == t, times.shape))
-        on_way = loads_before(motion, loads, t + 1, times[:, step == t].ravel())
-        each |= {(k, i): load for (k, i), load in zip(places.tolist(), on_way, strict=True)}
+    steps = np.broadcast_to(step, times.shape)
+    each = loads_before(motion, loads, steps.ravel() + 1, times.ravel())
     return [
         RodBatch(
             motion.trunk,
             mesh,
             controls[k, :, :-2],
             controls[k, :, -2:],
-            [each[k, i] for i in range(step.size)],
+            each[k * step.size : (k + 1) * step.size],
         )
         for k in range(len(times))
     ]

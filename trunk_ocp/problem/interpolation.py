@@ -131,16 +131,25 @@ def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = F
 
 
 def loads_before(
-    motion: Motion, planned: Sequence[Loads], step: int, times: np.ndarray
+    motion: Motion, planned: Sequence[Loads], step: int | np.ndarray, times: np.ndarray
 ) -> list[Loads]:
-    """Loads at times (m,) in s between time step `step` (from 1) and the one before."""
-    table = _after_jumps(motion, _table(motion, planned), step)
-    found: list[Loads] = []
-    rows = interpolate_all(motion, table, times)
-    for i, row in enumerate(rows):  # most loads do not change from one time to the next
-        same = i > 0 and np.array_equal(row, rows[i - 1])
-        found.append(found[-1] if same else _loads(planned, step, row))
-    return found
+    """Loads at times (m,) in s between time steps `step` (from 1), one or (m,), and those before.
+
+    Most do not change from one time to the next; those share one object.
+    """
+    steps, table = np.broadcast_to(step, times.shape), _table(motion, planned)
+    phases = np.array([motion.steps[i - 1].phase for i in steps.tolist()])
+    rows = np.empty((times.size, table.shape[1]))
+    for phase in np.unique(phases):
+        inside = phases == phase
+        jumped = _after_jumps(motion, table, int(steps[inside][0]))
+        rows[inside] = interpolate_all(motion, jumped, times[inside])
+    found: dict[tuple[int, bytes], Loads] = {}
+    keys = [(i, row.tobytes()) for i, row in zip(steps.tolist(), rows, strict=True)]
+    for (i, name), row in zip(keys, rows, strict=True):
+        if (i, name) not in found:
+            found[i, name] = _loads(planned, i, row)
+    return [found[key] for key in keys]
 
 
 def _loads(planned: Sequence[Loads], step: int, row: np.ndarray) -> Loads:

@@ -164,7 +164,7 @@ def integrand(
     mean = mean_extension(trunk, strains(trunk, activation))[..., None]
     K = stiffness(trunk, Z)
     B = K[:, 1:] / (mean**2 * zeta_hat)[..., None]
-    d = shape.directors(Z)
+    d, moment = shape.at_points()
     rate = d.swapaxes(-1, -2) / np.sqrt(weights[:, None] * B)[..., None, :]
 
     softness = mean / K[:, 0]
@@ -182,7 +182,7 @@ def integrand(
         along = np.sum(lever * d2, axis=-1)
         by_turn += _per_matrix(weights * along) * np.eye(3)
         by_turn -= _per_matrix(weights) * _outer(d2, lever)
-    M = np.einsum("...i,...ij->...j", shape.moment(Z), d)
+    M = np.einsum("...i,...ij->...j", moment, d)
     by_rate = _per_matrix(weights) * np.cross(np.eye(3), M[..., None, :])
     return rate, by_turn, by_rate
 

@@ -216,7 +216,7 @@ def _matrices(
 
     zeta_hat, _ = intrinsic_strain(trunk, activation, Z)
     mean = mean_extension(trunk, strains(trunk, activation))
-    d = shape.directors(Z)
+    d, _ = shape.at_points()
     d3, K0 = d[:, 2], stiffness(trunk, Z)[:, 0]
     zeta = loaded_extension(zeta_hat, mean, np.sum(N * d3, axis=-1), K0)
     # The stretch changes by zeta_hat mean / K_0 times the change of n_3, and by its own unknown.
