@@ -109,7 +109,7 @@ def muscles_figure(
     return figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Grid:
     """Columns and rows of panels, in mm: times down and groups across, or the other way round."""
 

@@ -274,7 +274,7 @@ def _largest(factors: tuple[np.ndarray, np.ndarray], M: np.ndarray, count: int) 
         few = MODES + 8
     else:
         inverse, few = lu_solve(factors, M), 2 * count
-    if size > MAX_DENSE_UNKNOWNS or count < MODES:
+    if size > MAX_DENSE_UNKNOWNS or 4 * few < size:  # few of many
         with suppress(ArpackError):
             largest: np.ndarray = eigs(inverse, few, v0=np.ones(size), return_eigenvectors=False)
             return largest

@@ -140,9 +140,9 @@ def evaluate(
     buffer, run = _mapped(function, count).buffer()
     arguments = columns, np.ascontiguousarray(p.reshape(len(p), count).T)
     for i, array in enumerate(arguments):
-        buffer.set_arg(i, memoryview(array))
+        buffer.set_arg(i, memoryview(array))  # type: ignore
     for i, array in enumerate(values):
-        buffer.set_res(i, memoryview(array))
+        buffer.set_res(i, memoryview(array))  # type: ignore
     run()
     return [value.reshape(*points, -1) for value in values]
 
