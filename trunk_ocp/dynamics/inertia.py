@@ -139,14 +139,14 @@ def _moments(motion: Motion, at: Instants) -> tuple[np.ndarray, np.ndarray]:
     own = np.append(trunk.density * np.pi * trunk.radius(Z) ** 2 * widths, 0.0)
     lever = at.shape.position(np.append(Z, trunk.length)) - at.shape.edges[:, :1]
     masses = np.tile(own, (len(at.step), 1))
+    d2 = at.shape.at_points()[0][..., 1, :]
     hung, arm, accelerated = np.zeros_like(masses), lever.copy(), at.acceleration.copy()
     for i, (t, load) in enumerate(zip(at.step.tolist(), at.loads, strict=True)):
         contact, masses[i, -1] = carried_masses(motion, motion.steps[t])
         if load.contact_from is not None:
             share = widths * (Z > load.contact_from) / (trunk.length - load.contact_from)
             hung[i, :-1] = contact * share
-            d2 = at.shape[i].directors(Z)[:, 1]
-            arm[i, :-1] += load.contact_lever * d2
+            arm[i, :-1] += load.contact_lever * d2[i]
             accelerated[i, :-1] += load.contact_lever * at.d2_acceleration[i]
     down = np.array([load.gravity for load in at.loads])[:, None, None] * np.array([0.0, 0.0, 1.0])
 

@@ -52,34 +52,52 @@ def interpolate_all(motion: Motion, values: np.ndarray, times: np.ndarray) -> np
     # Each time is in (knots[i - 1], knots[i]].
     intervals = np.clip(np.searchsorted(knots, times), 1, len(knots) - 1)
     result = np.empty((times.size, values.shape[1]))
-    for i in np.unique(intervals):
-        inside = intervals == i
-        result[inside] = _in_interval(motion, values, knots, int(i), times[inside])
+    pieces = _pieces(motion, len(knots) - 1)[intervals]
+    for piece in np.unique(pieces):
+        inside = pieces == piece
+        result[inside] = _in_piece(motion, values, knots, intervals[inside], times[inside])
+    at_step = times == knots[intervals]
+    result[at_step] = values[intervals[at_step]]
+    result[times == 0] = values[0]
     return result
 
 
-def _in_interval(
-    motion: Motion, values: np.ndarray, times: np.ndarray, i: int, t: np.ndarray
+def _pieces(motion: Motion, count: int) -> np.ndarray:
+    """First of the intervals that are interpolated together, of each (count + 1,), from 1.
+
+    A spline is one over its phase; other interpolations know their two time steps only.
+    """
+    pieces = np.arange(count + 1)
+    for i in range(2, count + 1):
+        phase = motion.steps[i - 1].phase
+        together = motion.phases[phase].interpolation == "hermite"
+        if together and motion.steps[i - 2].phase == phase:
+            pieces[i] = pieces[i - 1]
+    return pieces
+
+
+def _in_piece(
+    motion: Motion, values: np.ndarray, times: np.ndarray, i: np.ndarray, t: np.ndarray
 ) -> np.ndarray:
-    """Values (m, n) at times t (m,) from time step i - 1, at `times`, to time step i."""
-    phase = motion.steps[i - 1].phase
+    """Values (m, n) at times t (m,) in intervals i (m,) of one piece.
+
+    Interval i is from time step i - 1, at `times`, to time step i.
+    """
+    phase = motion.steps[i[0] - 1].phase
     kind = motion.phases[phase].interpolation
     if kind == "none":
-        inner = np.repeat(values[i - 1 : i], t.size, axis=0)
-    elif kind == "cosine":
-        duration = times[i] - times[i - 1] or 1.0  # 0 for a plan without steps
+        return np.asarray(values[i - 1])
+    if kind == "cosine":
+        duration = times[i] - times[i - 1]
+        duration[duration == 0] = 1.0  # for a plan without steps
         share = (1 - np.cos(np.pi * (t - times[i - 1]) / duration))[:, None] / 2
-        inner = (1 - share) * values[i - 1] + share * values[i]
-    else:
-        steps = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
-        knots = np.arange(steps[0] - 1, steps[-1] + 1)
-        slopes = np.zeros_like(values[knots])
-        if len(knots) > 2:
-            slopes[1:-1] = PchipInterpolator(times[knots], values[knots])(times[knots[1:-1]], 1)
-        inner = CubicHermiteSpline(times[knots], values[knots], slopes)(t)
-    inner[t == times[i]] = values[i]
-    inner[t == 0] = values[0]
-    return inner
+        return np.asarray((1 - share) * values[i - 1] + share * values[i])
+    steps = [n for n in range(1, len(values)) if motion.steps[n - 1].phase == phase]
+    knots = np.arange(steps[0] - 1, steps[-1] + 1)
+    slopes = np.zeros_like(values[knots])
+    if len(knots) > 2:
+        slopes[1:-1] = PchipInterpolator(times[knots], values[knots])(times[knots[1:-1]], 1)
+    return np.asarray(CubicHermiteSpline(times[knots], values[knots], slopes)(t))
 
 
 def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = False) -> Loads:
@@ -113,11 +131,25 @@ def loads_at(motion: Motion, planned: Sequence[Loads], t: float, after: bool = F
 
 
 def loads_before(
-    motion: Motion, planned: Sequence[Loads], step: int, times: np.ndarray
+    motion: Motion, planned: Sequence[Loads], step: int | np.ndarray, times: np.ndarray
 ) -> list[Loads]:
-    """Loads at times (m,) in s between time step `step` (from 1) and the one before."""
-    table = _after_jumps(motion, _table(motion, planned), step)
-    return [_loads(planned, step, row) for row in interpolate_all(motion, table, times)]
+    """Loads at times (m,) in s between time steps `step` (from 1), one or (m,), and those before.
+
+    Most do not change from one time to the next; those share one object.
+    """
+    steps, table = np.broadcast_to(step, times.shape), _table(motion, planned)
+    phases = np.array([motion.steps[i - 1].phase for i in steps.tolist()])
+    rows = np.empty((times.size, table.shape[1]))
+    for phase in np.unique(phases):
+        inside = phases == phase
+        jumped = _after_jumps(motion, table, int(steps[inside][0]))
+        rows[inside] = interpolate_all(motion, jumped, times[inside])
+    found: dict[tuple[int, bytes], Loads] = {}
+    keys = [(i, row.tobytes()) for i, row in zip(steps.tolist(), rows, strict=True)]
+    for (i, name), row in zip(keys, rows, strict=True):
+        if (i, name) not in found:
+            found[i, name] = _loads(planned, i, row)
+    return [found[key] for key in keys]
 
 
 def _loads(planned: Sequence[Loads], step: int, row: np.ndarray) -> Loads:

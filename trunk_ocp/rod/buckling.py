@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -163,7 +164,7 @@ def integrand(
     mean = mean_extension(trunk, strains(trunk, activation))[..., None]
     K = stiffness(trunk, Z)
     B = K[:, 1:] / (mean**2 * zeta_hat)[..., None]
-    d = shape.directors(Z)
+    d, moment = shape.at_points()
     rate = d.swapaxes(-1, -2) / np.sqrt(weights[:, None] * B)[..., None, :]
 
     softness = mean / K[:, 0]
@@ -181,7 +182,7 @@ def integrand(
         along = np.sum(lever * d2, axis=-1)
         by_turn += _per_matrix(weights * along) * np.eye(3)
         by_turn -= _per_matrix(weights) * _outer(d2, lever)
-    M = np.einsum("...i,...ij->...j", shape.moment(Z), d)
+    M = np.einsum("...i,...ij->...j", moment, d)
     by_rate = _per_matrix(weights) * np.cross(np.eye(3), M[..., None, :])
     return rate, by_turn, by_rate
 
@@ -317,8 +318,12 @@ class _ElementChain:
         return count
 
 
+@lru_cache(maxsize=16)
 def integral_matrix(mesh: Mesh) -> np.ndarray:
-    """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each."""
+    """Matrix (n, n) from rates at the mesh's n Gauss points to the integral from 0 to each.
+
+    Kept, because plans ask for it again and again; read-only.
+    """
     element, E = gauss(mesh.degree), mesh.elements
     before, within = np.tri(E, k=-1), np.eye(E)
     parts = (
@@ -326,7 +331,9 @@ def integral_matrix(mesh: Mesh) -> np.ndarray:
         + within[:, None, :, None] * element.integral(element.nodes)[:, None]
     )
     n = E * mesh.degree
-    return (parts * mesh.widths[:, None]).reshape(n, n)
+    matrix: np.ndarray = (parts * mesh.widths[:, None]).reshape(n, n)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,7 +157,7 @@ def natural_frequencies(
         K, M = _matrices(shape[i], activations[i], load, contact_mass, tip_mass)
         found = None if any(load.contact_couple) else _slowest(K, M)
         if found is None:
-            found = _rates(K, M)[:FREQUENCIES].imag / (2 * math.pi)
+            found = _rates(K, M, FREQUENCIES).imag / (2 * math.pi)
         frequencies[i][: len(found)] = found
     return frequencies
 
@@ -215,7 +216,7 @@ def _matrices(
 
     zeta_hat, _ = intrinsic_strain(trunk, activation, Z)
     mean = mean_extension(trunk, strains(trunk, activation))
-    d = shape.directors(Z)
+    d, _ = shape.at_points()
     d3, K0 = d[:, 2], stiffness(trunk, Z)[:, 0]
     zeta = loaded_extension(zeta_hat, mean, np.sum(N * d3, axis=-1), K0)
     # The stretch changes by zeta_hat mean / K_0 times the change of n_3, and by its own unknown.
@@ -248,15 +249,15 @@ def _sum_of(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(a.reshape(-1, size).T @ b.reshape(-1, size))
 
 
-def _rates(K: np.ndarray, M: np.ndarray) -> np.ndarray:
+def _rates(K: np.ndarray, M: np.ndarray, count: int = MODES) -> np.ndarray:
     """Rates of the lowest modes, from the largest eigenvalues of K^-1 M, which are - 1 / rate^2."""
     if not (np.all(np.isfinite(K)) and np.all(np.isfinite(M))):
         return np.zeros(0, dtype=complex)
     try:
-        values = _largest(lu_factor(K), M)
+        values = _largest(lu_factor(K), M, count)
     except (np.linalg.LinAlgError, ValueError):  # exactly where the shape buckles
         return np.zeros(0, dtype=complex)
-    values = values[np.argsort(-abs(values), kind="stable")][:MODES].astype(complex)
+    values = values[np.argsort(-abs(values), kind="stable")][:count].astype(complex)
     with np.errstate(all="ignore"):
         rates = np.sqrt(-1 / values)
     rates = np.abs(rates.real) + 1j * np.abs(rates.imag)
@@ -265,16 +266,16 @@ def _rates(K: np.ndarray, M: np.ndarray) -> np.ndarray:
     return rates
 
 
-def _largest(factors: tuple[np.ndarray, np.ndarray], M: np.ndarray) -> np.ndarray:
-    """Eigenvalues of K^-1 M, at least the largest."""
+def _largest(factors: tuple[np.ndarray, np.ndarray], M: np.ndarray, count: int) -> np.ndarray:
+    """Eigenvalues of K^-1 M, at least the `count` largest."""
     size = len(M)
     if size > MAX_DENSE_UNKNOWNS:
         inverse = LinearOperator(M.shape, matvec=lambda x: lu_solve(factors, M @ x), dtype=float)
-        try:
-            largest: np.ndarray = eigs(
-                inverse, MODES + 8, v0=np.ones(size), return_eigenvectors=False
-            )
+        few = MODES + 8
+    else:
+        inverse, few = lu_solve(factors, M), 2 * count
+    if size > MAX_DENSE_UNKNOWNS or 4 * few < size:  # few of many
+        with suppress(ArpackError):
+            largest: np.ndarray = eigs(inverse, few, v0=np.ones(size), return_eigenvectors=False)
             return largest
-        except ArpackError:
-            pass
     return np.linalg.eigvals(lu_solve(factors, M))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -129,9 +129,25 @@ def evaluate(
     w, p : the other arguments, as in `RodBatch.arguments`.
     """
     points = states.shape[:3]
-    columns = np.concatenate([np.moveaxis(states, -1, 0), w]).reshape(ARGUMENTS, -1)
     sizes = [function.size1_out(i) for i in range(function.n_out())]
     if not states.size:
         return [np.zeros((*points, size)) for size in sizes]
-    values = function.call([columns, p.reshape(len(p), -1)])
-    return [np.asarray(value).T.reshape(*points, -1) for value in values]
+    count = int(np.prod(points))
+    columns = np.empty((count, ARGUMENTS))  # one row a point, as CasADi stores columns
+    columns[:, :STATES] = states.reshape(count, STATES)
+    columns[:, STATES:] = w.reshape(len(w), count).T
+    values = [np.empty((count, size)) for size in sizes]
+    buffer, run = _mapped(function, count).buffer()
+    arguments = columns, np.ascontiguousarray(p.reshape(len(p), count).T)
+    for i, array in enumerate(arguments):
+        buffer.set_arg(i, memoryview(array))  # type: ignore
+    for i, array in enumerate(values):
+        buffer.set_res(i, memoryview(array))  # type: ignore
+    run()
+    return [value.reshape(*points, -1) for value in values]
+
+
+@lru_cache(maxsize=64)
+def _mapped(function: ca.Function, count: int) -> ca.Function:
+    """A function at many points, all of whose inputs and outputs are dense."""
+    return function.map(count)

@@ -68,10 +68,12 @@ class Shape(Displayed):
 
     def frames(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Directors (..., n, 3, 3) and moment (..., n, 3) together, which saves time."""
-        state = self.state(Z)
-        q = state[..., ORIENTATION]
-        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-        return director_rows(q), state[..., MOMENT]
+        return _frames(self.state(Z))
+
+    def at_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """`frames` at all n Gauss points, where the states are known."""
+        states = self.states[..., 1:, :]
+        return _frames(states.reshape(*states.shape[:-3], -1, STATES))
 
     def strain(self, Z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Extension zeta (..., n) and curvature u (..., n, 3) in 1/m of the loaded trunk (eq. 15).
@@ -136,6 +138,13 @@ class Shape(Displayed):
         if points.ndim != 1:
             raise InputError(f"Z = {Z!r}: expected points of the trunk in m, one number or (n,).")
         return self.mesh.locate(points_on(self.trunk, points))
+
+
+def _frames(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directors (..., n, 3, 3) and moment (..., n, 3) of states (..., n, 7)."""
+    q = states[..., ORIENTATION]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return director_rows(q), states[..., MOMENT]
 
 
 def points_on(trunk: Trunk, Z: np.ndarray) -> np.ndarray:
