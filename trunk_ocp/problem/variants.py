@@ -78,6 +78,8 @@ def limited_spec(
 def slowed_spec(spec: ProblemSpec, factors: Mapping[int, float]) -> ProblemSpec:
     """The problem with phases (from 0) that take `factors` times as long; others are as they are.
 
+    Durations are rounded to six digits, for those who read the file.
+
     Raises
     ------
     InputError
@@ -86,7 +88,9 @@ def slowed_spec(spec: ProblemSpec, factors: Mapping[int, float]) -> ProblemSpec:
     phases = list(spec.phases)
     for n, factor in factors.items():
         phase = phases[n]
-        update: Update = {"duration": phase.duration * factor}
+        duration = float(f"{phase.duration * factor:.6g}")
+        update: Update = {"duration": duration}
+        factor = duration / phase.duration
         if phase.wrap is not None:
             update["wrap"] = _slowed(phase.wrap, factor)
         update["targets"] = tuple(_slowed(target, factor) for target in phase.targets)

@@ -33,11 +33,13 @@ def page(subject: Plan | Sequence[Plan] | Trunk) -> str:
     Raises
     ------
     InputError
-        If there are no plans or more than two, or if one has no time steps.
+        If there are no plans or more than two, if one has no time steps, or if it is none of these.
     """
     if isinstance(subject, Trunk):
         return bundled(still_payload(subject))
-    plans = [subject] if isinstance(subject, Plan) else list(subject)
+    plans = [subject] if isinstance(subject, Plan) else subject
+    if not isinstance(plans, Sequence) or not all(isinstance(plan, Plan) for plan in plans):
+        raise InputError(f"subject = {subject!r}: expected a plan, two plans or a trunk.")
     if not 1 <= len(plans) <= 2:
         raise InputError(f"plans: expected one or two, got {len(plans)}.")
     for plan in plans:

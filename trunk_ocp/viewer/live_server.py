@@ -11,6 +11,7 @@ import asyncio
 import hmac
 import json
 import logging
+import os
 import secrets
 import socket
 import threading
@@ -173,9 +174,9 @@ def _listener(port: int) -> socket.socket:
     try:
         return socket.create_server((HOST, port))
     except OSError as error:
+        reason = os.strerror(error.errno or 0)
         raise InputError(
-            f"port {port}: cannot be used ({error.strerror}); expected one that is free, or 0 for "
-            "any."
+            f"port {port}: cannot be used ({reason}); expected one that is free, or 0 for any."
         ) from None
 
 
