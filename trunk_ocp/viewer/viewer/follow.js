@@ -15,7 +15,7 @@
 // symmetric rank-one updates. Repeated calls end at a local minimum of the distance. The trunk stops
 // where it would lose its equilibrium or buckle: the shape is always one that was found.
 
-const VISITS = 4; // shapes of a call
+const VISITS = 3; // shapes of a call
 const REACHED = 1e-4; // of the length
 const CLOSE = 1e-6; // of the length: no more steps
 const SETTLED = 1e-5; // of the length: what the best step would gain, where it is at its best
