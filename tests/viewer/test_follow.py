@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from physics_page import physics_tab, trunks
-from scipy.optimize import Bounds, LinearConstraint, minimize
+from scipy.optimize import Bounds, LinearConstraint, least_squares, minimize
 
 from trunk_ocp.model.activation import strains
 from trunk_ocp.model.loads import Loads
@@ -104,6 +104,53 @@ def test_where_it_cannot_follow_it_says_so_and_stops_at_its_limits(tab):
     )
     change = np.abs(controls_of(held[-1]) - controls_of(held[-2]))
     assert np.all(change <= 1e-3 * (UPPER - LOWER))
+
+
+OUT_OF_REACH = [[3, 0, 1], [-1, 0, -1], [0.5, 0.5, 3], [0.3, -2.5, -0.5], [1.5, 1.5, 2.5]]
+
+
+@pytest.mark.parametrize("target", OUT_OF_REACH)
+def test_out_of_reach_it_ends_where_no_small_change_brings_it_nearer(tab, target):
+    """As near as SciPy's trust region comes from there, and with no slope left within bounds."""
+    lower, upper = np.full(MUSCLES + 2, -1.0), np.array([0.0] * MUSCLES + [1.0, 1.0])
+    bounds = {"lower": lower.tolist(), "upper": upper.tolist(), "extension": [0.0, 9.0]}
+    followed, calls = tab.evaluate(
+        """([target, Z, bounds, { loads, ...start }]) => {
+          let now = { ...start, start: null }, calls = 0;
+          while (!now.settled && calls < 100) {
+            const { activation, head, start, memory } = now;
+            const controls = { activation, head, start, memory };
+            now = trunks.elephant.follow({ Z, target, loads, bounds, ...controls });
+            calls += 1;
+          }
+          return [plain(now), calls];
+        }""",
+        [target, L, bounds, START],
+    )
+    assert calls < 50
+    assert not followed["reached"]
+
+    def miss_and_slopes(x):
+        shape = python_shape(x)
+        J, _ = tip_jacobian(shape, x[:-2], x[-2:], Loads(**LOADS))
+        return shape.position([L])[0] - target, J
+
+    nearest = least_squares(
+        lambda x: miss_and_slopes(x)[0],
+        np.clip(first_controls(), lower + 1e-9, upper - 1e-9),
+        jac=lambda x: miss_and_slopes(x)[1],
+        bounds=(lower, upper),
+        x_scale=upper - lower,
+        xtol=1e-6,
+        max_nfev=60,
+    )
+    assert followed["error"] <= np.linalg.norm(nearest.fun) + 1e-3 * L
+    x = controls_of(followed)
+    miss, J = miss_and_slopes(x)
+    range_ = upper - lower
+    slope = range_ * (miss @ J) / np.linalg.norm(miss)  # m, for the whole range of a control
+    projected = x - np.clip(x - range_ * slope / L, lower, upper)
+    assert np.abs(projected / range_).max() < 0.01
 
 
 def test_a_small_drag_is_the_least_change(tab):

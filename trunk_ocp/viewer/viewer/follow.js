@@ -7,41 +7,46 @@
 //   activation, head   the controls of that shape, within bounds if the first ones were
 //   reached            whether the point is at the target, to 1e-4 of the length
 //   error              distance of the point from the target, m; null where there is no shape
-// Each step changes the controls as little as it can, relative to their ranges. The trunk stops
+//   settled            whether no small change of the controls brings it nearer
+//   memory             to pass to the next call for the same target: it makes that one faster
+// Each step changes the controls as little as it can, relative to their ranges: a Gauss-Newton step
+// with Levenberg and Marquardt's damping. Where the target is out of reach, J^T J lacks much of the
+// curvature of the distance, so what the last steps have shown of it is added: the positive ones of
+// symmetric rank-one updates. Repeated calls end at a local minimum of the distance. The trunk stops
 // where it would lose its equilibrium or buckle: the shape is always one that was found.
 
-const STEPS = 6; // of a call
+const VISITS = 3; // shapes of a call
 const REACHED = 1e-4; // of the length
 const CLOSE = 1e-6; // of the length: no more steps
+const SETTLED = 1e-5; // of the length: what the best step would gain, where it is at its best
 const LARGEST_MOVE = 0.15; // of the length, that one step asks for
 const LARGEST_CHANGE = 0.1; // of a control's range, in one step
-const DAMPING = 1e-5; // relative, of the point's response to controls
-const HALVINGS = 3;
+const DAMPING = 1e-5; // relative, of the point's response to controls, if caution is 1
+const CAUTION = { more: 4, most: 1e8 }; // factor after a poor step
+const SHARES = { least: 0.1, poor: 0.25, good: 0.4, bent: 0.6 }; // of a step's gain by its slope
+const SLOW = 0.9; // ratio of errors from one step to the next, from which curvature matters
+const BENDS = 6; // rank-one updates that are kept
+const SMALLEST_ANGLE = 1e-2; // cosine, of an update with its step
 const LIMIT_SOFTNESS = 1e-11; // relative, with which a step keeps limits of extension,
 const LIMIT_MARGIN = 1e-7; // and how far inside it keeps them
-const WORTHWHILE = 0.98; // ratio of errors from one step to the next that is worth another one
 
 /** See above; `trunk` is a PhysicsTrunk. */
-export function followed(trunk, { Z, target, activation, head, loads = {}, bounds, start = null }) {
-  const drag = new Drag(trunk, Z, target, loads);
+export function followed(trunk, { activation, head, bounds, start = null, ...request }) {
+  const drag = new Drag(trunk, request);
   let now = drag.visit([...activation, ...head], start, false);
   if (!now.response) {
     return { ...trunk.reported(now.status), activation, head, reached: false, error: null };
   }
   drag.bound(bounds, now);
-  for (let step = 0; step < STEPS && now.error > CLOSE * drag.length; step += 1) {
-    const next = drag.improved(now);
-    if (!next) break;
-    const slow = next.error > WORTHWHILE * now.error;
-    now = next;
-    if (slow) break;
+  for (let visits = 1; visits < VISITS && !drag.settled(now); visits += 1) {
+    now = drag.improved(now) ?? now;
   }
   return drag.result(now);
 }
 
 class Drag {
-  constructor(trunk, Z, target, loads) {
-    Object.assign(this, { trunk, Z, target, loads, length: trunk.tables.length });
+  constructor(trunk, { Z, target, loads = {}, memory = { caution: 1, bends: [] } }) {
+    Object.assign(this, { trunk, Z, target, loads, ...memory, length: trunk.tables.length });
   }
 
   /** Take bounds, widened where the first controls are beyond them. */
@@ -76,25 +81,48 @@ class Drag {
     return { status, controls, response, miss, error: Math.hypot(...miss), start: trunk.kept() };
   }
 
-  /** The shape after one step, or null if no step brings the point nearer. */
+  /** The shape after one step, or null if the step gains less than it should. */
   improved(now) {
-    const change = this.change(now);
-    for (let part = 1, tries = 0; tries <= HALVINGS; part /= 2, tries += 1) {
-      const controls = now.controls.map((x, i) =>
-        Math.min(Math.max(x + part * change[i], this.lower[i]), this.upper[i]));
-      const next = this.visit(controls, now.start, true);
-      if (next.error < now.error && (this.mayBuckle || this.trunk.stable())) return next;
-    }
-    return null;
+    const { change, gain } = this.step(now, this);
+    const controls = now.controls.map((x, i) =>
+      Math.min(Math.max(x + change[i], this.lower[i]), this.upper[i]));
+    const next = this.visit(controls, now.start, true);
+    if (next.error > SLOW * now.error) this.learn(now, next);
+    const kept = next.response && (this.mayBuckle || this.trunk.stable());
+    const share = kept ? (now.error ** 2 - next.error ** 2) / 2 / gain : 0;
+    if (share > SHARES.bent) this.bends = this.bends.slice(1); // there is less curvature
+    if (share < SHARES.poor) this.caution = Math.min(CAUTION.most, this.caution * CAUTION.more);
+    else if (share > SHARES.good) this.caution = Math.max(1, this.caution / CAUTION.more);
+    return share > SHARES.least ? next : null;
   }
 
-  /** Change of the controls that one step wants, within all limits. */
-  change({ controls, response, miss, error }) {
+  /** Keep what a step shows of the curvature: row^T row, for a miss of 1 m, joins the others. */
+  learn(now, next) {
+    const z = this.range.map((r, i) => (r ? (next.controls[i] - now.controls[i]) / r : 0));
+    const lacking = this.range.map((r, i) => next.miss.reduce((sum, x, k) =>
+      sum - ((r * x) / next.error) * (next.response.rows[k][i] - now.response.rows[k][i]), 0));
+    for (const row of this.bends) {
+      const part = dotProduct(row, z);
+      row.forEach((x, i) => (lacking[i] -= part * x));
+    }
+    const along = dotProduct(lacking, z);
+    if (!(along > SMALLEST_ANGLE * Math.hypot(...lacking) * Math.hypot(...z))) return;
+    this.bends = [...this.bends.slice(1 - BENDS), lacking.map((x) => x / Math.sqrt(along))];
+  }
+
+  /** Whether the point is at the target, or no step within all limits brings it nearer. */
+  settled(now) {
+    if (now.error <= CLOSE * this.length) return true;
+    return this.step(now, { caution: 1, bends: [] }).gain < SETTLED * this.length * now.error;
+  }
+
+  /** Change of the controls that one step wants, within all limits, and its gain by the slope. */
+  step({ controls, response, miss, error }, { caution, bends }) {
     const { range, lower, upper, stretches } = this;
     const rows = response.rows.map((row) => range.map((r, i) => r * row[i]));
     const most = LARGEST_MOVE * this.length;
     const wanted = miss.map((x) => x * Math.min(1, most / error));
-    const damping = DAMPING * rows.reduce((sum, row) => sum + dotProduct(row, row), 1e-30);
+    const damping = caution * DAMPING * rows.reduce((sum, row) => sum + dotProduct(row, row), 1e-30);
     const limits = stretches.map(({ low, high }, segment) => {
       const stretch = this.stretch(segment, controls);
       const row = range.map((r, i) => {
@@ -105,12 +133,16 @@ class Drag {
     });
     const least = controls.map((x, i) => boundedRatio(lower[i] - x, range[i], -LARGEST_CHANGE));
     const largest = controls.map((x, i) => boundedRatio(upper[i] - x, range[i], LARGEST_CHANGE));
-    const z = leastChange({ rows, wanted, damping, limits, least, largest });
-    return z.map((value, i) => value * range[i]);
+    const bent = bends.map((row) => row.map((x) => x * Math.sqrt(Math.min(error, most))));
+    const all = { rows: [...rows, ...bent], wanted: [...wanted, ...bent.map(() => 0)] };
+    const z = leastChange({ ...all, damping, limits, least, largest });
+    const gain = rows.reduce((sum, row, k) => sum + miss[k] * dotProduct(row, z), 0);
+    return { change: z.map((value, i) => value * range[i]), gain };
   }
 
   /** What callers get of the last shape that was found. */
-  result({ controls, start, error }) {
+  result(now) {
+    const { controls, start, error } = now;
     const held = this.trunk.last === start;
     return {
       ...this.trunk.reported(held ? "ok" : this.visit(controls, start, false).status),
@@ -118,6 +150,8 @@ class Drag {
       head: controls.slice(-2),
       reached: error <= REACHED * this.length,
       error,
+      settled: this.settled(now),
+      memory: { caution: this.caution, bends: this.bends },
     };
   }
 }

@@ -4,6 +4,7 @@
 import { instantAt, mixed } from "./data.js";
 
 const CREASE = Math.cos((40 * Math.PI) / 180); // sharper corners of an outline stay sharp
+const COARSE_RINGS = 6; // rings of a coarse tube, at least
 
 /** Arrays for the cross-sections of a trunk at one time. */
 export function makeSections(trunk) {
@@ -57,16 +58,22 @@ function writeDirectors({ d1, d2, d3 }, j, [w, x, y, z]) {
   d3.set([2 * (x * z + w * y), 2 * (y * z - w * x), ww - xx - yy + zz], 3 * j);
 }
 
-/** The tube that an outline sweeps from cross-section `first` to `last`. */
+/**
+ * The tube that an outline sweeps from cross-section `first` to `last`.
+ *
+ * `triangles` have corners in every cross-section, `coarse` ones only in some.
+ */
 export function makeTube(outline, hollow, first, last) {
   const corners = creased(outline);
   const rings = last - first + 1;
   const m = outline.length / 2;
-  const sides = sideTriangles(corners, m, rings);
+  const every = Math.max(1, Math.floor((rings - 1) / COARSE_RINGS));
   const caps = capTriangles(m, hollow, rings * corners.count);
   const count = rings * corners.count + 2 * m;
   const rim = rimOf(corners, rings, count);
-  return { outline, first, last, corners, count, rim, triangles: [...sides, ...caps] };
+  const triangles = [...sideTriangles(corners, m, rings, 1), ...caps];
+  const coarse = [...sideTriangles(corners, m, rings, every), ...caps];
+  return { outline, first, last, corners, count, rim, triangles, coarse };
 }
 
 /**
@@ -122,12 +129,14 @@ function rimOf({ begins, ends, count: width }, rings, count) {
   return rim;
 }
 
-function sideTriangles({ begins, ends, count }, m, rings) {
+/** Triangles between every few rings, the first and the last among them. */
+function sideTriangles({ begins, ends, count }, m, rings, every) {
   const triangles = [];
-  for (let ring = 0; ring < rings - 1; ring++) {
+  for (let ring = 0; ring < rings - 1; ring += every) {
+    const up = count * Math.min(every, rings - 1 - ring);
     for (let i = 0; i < m; i++) {
       const [a, b] = [ring * count + begins[i], ring * count + ends[i]];
-      triangles.push(a, b, b + count, a, b + count, a + count);
+      triangles.push(a, b, b + up, a, b + up, a + up);
     }
   }
   return triangles;

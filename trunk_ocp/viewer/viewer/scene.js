@@ -72,12 +72,20 @@ export class PlanScene {
       geometry.setAttribute(name, attribute.setUsage(35048)); // DYNAMIC_DRAW
     }
     geometry.setAttribute("rim", new THREE.BufferAttribute(tube.rim, 1));
-    geometry.setIndex(tube.triangles);
+    const [sharp, coarse] = [tube.triangles, tube.coarse].map(indexOf);
+    geometry.setIndex(sharp);
     const mesh = new THREE.Mesh(geometry, material);
     mesh.frustumCulled = false; // it moves, and its bounds are not updated
-    mesh.userData.tube = tube;
+    mesh.userData = { tube, sharp, coarse };
     this.model.add(mesh);
     return mesh;
+  }
+
+  /** Draw tubes with fewer triangles, or with all. */
+  coarsen(coarse) {
+    for (const { geometry, userData } of [...this.muscles, ...this.cores, this.skin]) {
+      geometry.setIndex(coarse ? userData.coarse : userData.sharp);
+    }
   }
 
   show(time) {
@@ -170,6 +178,10 @@ export class PlanScene {
     this.model.updateMatrixWorld();
     return raycaster.intersectObjects(meshes.filter((mesh) => mesh.visible), false)[0];
   }
+}
+
+function indexOf(triangles) {
+  return new THREE.BufferAttribute(Uint16Array.from(triangles), 1);
 }
 
 function lights() {

@@ -8,7 +8,7 @@ const FIELD_OF_VIEW = 32; // degrees, vertical
 const DIRECTION = { azimuth: 0.56, elevation: 0.24 }; // of the camera at the start, rad
 const CLICK_DISTANCE = 5; // px that a pointer may move in a click
 const BACKGROUND = 0xf6f5f2;
-const SLOW = { least: 28, most: 250, frames: 3 }; // ms between frames in motion that are too slow
+const SLOW = { least: 22, most: 250, frames: 3 }; // ms between frames in motion that are too slow
 const COARSE = 0.6; // resolution of a slow browser's frames while something moves
 const STILL_AFTER = 200; // ms
 const INSETS = { left: 12, right: 12, top: 50, bottom: 20 }; // px of a view that stay free
@@ -30,11 +30,12 @@ export class Stage {
     this.listen();
   }
 
-  /** Draw in full resolution, or coarsely. */
+  /** Draw in full resolution, or coarsely: fewer pixels and fewer triangles. */
   sharpen(coarse) {
     this.coarse = coarse;
     const full = this.software ? 1 : Math.min(devicePixelRatio, 2);
     this.renderer.setPixelRatio(coarse ? COARSE : full);
+    for (const scene of this.scenes) scene.coarsen(coarse);
   }
 
   /** Draw coarsely as soon as frames come too slowly, and sharply again when nothing moves. */

@@ -6,7 +6,6 @@ import { makeSections, writeSections, writeSolution } from "./geometry.js";
 
 const NEAR_BUCKLING = 0.1; // share of the stiffness that the loads leave
 const CLOSE = 1e-6; // to a bound, in which case a control is at it
-const WORTHWHILE = 0.01; // of the error or, if it is larger, the length: progress from one frame to the next
 
 const WEIGHTLESS = "Shown without gravity, because the passive trunk does not hold its own weight.";
 
@@ -70,14 +69,14 @@ export class Trial {
     if (this.stale) return;
     const { activation, head, loads, lower, upper, start } = this;
     const bounds = { lower, upper, extension: this.plan.controls.extension };
-    const found = this.rod.follow({ Z, target, activation, head, loads, bounds, start });
-    const before = this.pull?.target === target ? this.pull.error : Infinity;
+    const memory = this.pull?.target === target ? this.pull.memory : undefined;
+    const found = this.rod.follow({ Z, target, activation, head, loads, bounds, start, memory });
     this.take(found);
     if (this.stale) return;
     [this.activation, this.head] = [[...found.activation], [...found.head]];
-    const least = WORTHWHILE * Math.min(before, this.plan.trunk.tables.length);
-    const settled = found.reached || before - found.error < least;
-    this.pull = { Z, target, reached: found.reached, error: found.error, settled };
+    const { reached, error } = found;
+    const settled = reached || found.settled;
+    this.pull = { Z, target, reached, error, settled, memory: found.memory };
   }
 
   /** Whether muscles of both sides have the same activations. */
