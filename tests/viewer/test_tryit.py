@@ -310,8 +310,8 @@ def test_the_tip_goes_to_a_typed_position(visit, elephant):
     assert field.input_value() == "0.800"
 
 
-def test_a_pull_toward_a_point_far_away_goes_as_far_as_one_toward_a_near_point(visit, trunks):
-    tab = visit(trunks["elephant"])
+def test_a_pull_toward_a_point_far_away_goes_as_far_as_one_toward_a_near_point(visit, elephant):
+    tab = visit(elephant)
     trying(tab)
     reached = []
     for x in ("5", "1e6"):
