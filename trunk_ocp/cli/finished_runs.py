@@ -92,7 +92,6 @@ def simulate_command(run: str, time_step: float, damping_time: float) -> None:
     mass, and says how far that is from the plan: simulation.nc, simulation.json and a figure are
     written beside each plan. Takes a few seconds.
     """
-    from ..figures import FORMATS
     from ..figures.simulation import draw_simulation
 
     console = Console(highlight=False)
@@ -100,7 +99,7 @@ def simulate_command(run: str, time_step: float, damping_time: float) -> None:
     for folder, plan in plans.items():
         result = _simulated(plan, time_step, damping_time, console)
         result.save(folder)
-        draw_simulation(result, folder / "figures", FORMATS)
+        draw_simulation(result, folder / "figures", ("png",))
         found = result.summary()
         share = found["energy_imbalance"] / found["work"] if found["work"] else 0.0
         print_plain(
