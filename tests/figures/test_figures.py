@@ -608,15 +608,20 @@ def test_moments_without_an_equilibrium_are_left_out():
     assert moments_at(lost, np.array([0.5])) == []
 
 
-def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
-    edges = np.linspace(0.0, 3.1, 15)
+def with_groups(folder, names):
+    """A plan of an arm with these groups of muscles side by side."""
+    edges = np.linspace(0.0, 3.1, len(names) + 1)
     groups = "".join(
-        f'{{ group = "group{n}", architecture = "longitudinal", radii_over_length = [0.02, 0.05], '
+        f'{{ group = "{name}", architecture = "longitudinal", radii_over_length = [0.02, 0.05], '
         f"sector = [{low}, {high}] }},\n"
-        for n, (low, high) in enumerate(pairwise(edges))
+        for name, (low, high) in zip(names, pairwise(edges), strict=True)
     )
     text = ROD[: ROD.index("muscles")] + f"muscles = [\n{groups}]\n"
-    plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", text), throw=False)
+    return plan_motion(arm(folder, "position = [0.0, 0.0, 1.0]", text), throw=False)
+
+
+def test_headings_of_many_muscle_groups_do_not_overlap(tmp_path):
+    plan = with_groups(tmp_path, [f"group{n}" for n in range(14)])
     with style.styled():
         figure = muscles.muscles_figure(plan, moments_at(plan, np.array([1.0])), "R")
         FigureCanvasAgg(figure).draw()
@@ -673,14 +678,7 @@ def test_the_film_is_a_gif_where_ffmpeg_is_not(tmp_path, monkeypatch, short_film
 
 
 def test_many_groups_are_drawn_on_several_pages(tmp_path):
-    edges = np.linspace(0.0, 3.1, 10)
-    groups = "".join(
-        f'{{ group = "g{n}", architecture = "longitudinal", radii_over_length = [0.02, 0.05], '
-        f"sector = [{low}, {high}] }},\n"
-        for n, (low, high) in enumerate(pairwise(edges))
-    )
-    text = ROD[: ROD.index("muscles")] + f"muscles = [\n{groups}]\n"
-    plan = plan_motion(arm(tmp_path, "position = [0.0, 0.0, 1.0]", text), throw=False)
+    plan = with_groups(tmp_path, [f"g{n}" for n in range(9)])
     files = [*activations.draw_activations(plan, tmp_path, ("png",)),
              *muscles.draw_muscles(plan, tmp_path, ("png",))]  # fmt: skip
     names = ["activations", "activations-2", "muscles-right", "muscles-right-2", "muscles-left"]

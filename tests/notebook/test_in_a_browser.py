@@ -149,3 +149,4 @@ def test_in_marimo_the_page_and_python_move_each_other(tab, tmp_path):
         tab.get_by_text(re.compile(r"-0\.25 and 0\.00")).wait_for()
         slide(opened(tab, 1), "#try-muscles input", -0.5)
         tab.get_by_text(re.compile(r"shown: 0\.70 s, -0\.25 and -0\.50")).wait_for()
+        assert frame.evaluate("() => trunkPage.clock.time") == 0.7

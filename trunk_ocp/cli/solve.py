@@ -265,7 +265,7 @@ def _stop_drawing_on_interrupt(console: Console) -> Iterator[None]:
 
 
 def _draw(plans: list[Plan], folder: Path, everything: bool, console: Console) -> None:
-    """Draw each plan and both together, write the interactive page, and say what there is."""
+    """Draw each plan and both together, write the interactive page, and list the files."""
     from .run_figures import draw_run, file_lines  # imports matplotlib, which is slow
 
     with console.status("drawing figures; Ctrl-C skips them"):

@@ -22,7 +22,7 @@ from .activation_colors import ACTIVATION, color_bar_beside, strongest
 
 MAX_DOTS = 60  # time steps in a panel that can be distinguished
 MIN_HEAD_RANGE = 2.0  # deg, of an axis, for a head that hardly turns
-HEAD_NAMES = ("head to the right,\nψ_Z (°)", "head up,\nψ_Y (°)")
+HEAD_NAMES = ("head to the right,\nψZ (°)", "head up,\nψY (°)")
 PANEL, HEADS = 25.0, 23.0  # mm, heights of a row of muscles and of the head's angles
 MAX_ROWS = 8  # groups on a page
 

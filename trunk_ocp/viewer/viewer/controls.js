@@ -83,6 +83,8 @@ export function drawLegend(largest) {
 export function writeSymbolLegend(plans, shown) {
   const entries = [];
   if (plans.some(({ targets }) => targets.length)) entries.push(["\u25cf", "asked position", "#111"]);
+  const times = ({ targets }) => new Set(targets.map(({ from }) => from));
+  if (plans.some((plan) => times(plan).size > 1)) entries.push(["\u2022", "at another time", "#8d8d8d"]);
   ARROW_COLORS.forEach((color, i) => {
     const asked = plans.some(({ arrows }) => arrows.some(({ director }) => director === i));
     if (asked) entries.push(["\u2191", `asked d${i + 1}${i === 2 ? " (tangent)" : ""}`, color]);
